@@ -1,0 +1,3 @@
+"""Fault detection and diagnosis for installed HVAC plant."""
+
+__version__ = "0.1.0"

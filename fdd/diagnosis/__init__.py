@@ -1,0 +1,1 @@
+"""From charts that alarm to causes a technician can check."""

@@ -1,0 +1,1 @@
+"""What turns equations into filters: trace, kernels, likelihood, fit, validate, simulate."""

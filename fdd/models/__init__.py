@@ -1,0 +1,1 @@
+"""Component equations: one file a component; nothing but physics and its sources."""

@@ -1,0 +1,1 @@
+"""Reports for service technicians, in HTML and PDF."""

@@ -1,0 +1,1 @@
+"""The engine, the alarms, the checkpoints and the daemon around them."""

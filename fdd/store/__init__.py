@@ -1,0 +1,1 @@
+"""The store port and its two ends: SQLite, embedded, and InfluxDB 2."""
