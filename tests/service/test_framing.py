@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -92,7 +94,7 @@ def test_frames_and_counts_do_not_depend_on_batches_or_restarts(
     many = framer(lateness)
     edges = [0, *sorted(min(c, len(whole)) for c in cuts), len(whole)]
     parts = []
-    for start, stop in zip(edges[:-1], edges[1:], strict=True):
+    for start, stop in pairwise(edges):
         parts.append(many.add(whole.slice(start, stop)))
         if restart:
             again = framer(lateness)
