@@ -1,0 +1,124 @@
+"""The port to a store: time series rows and JSON documents, both upserted by key.
+
+Two ends implement it: :mod:`fdd.store.sqlite`, the embedded default, and :mod:`fdd.store.influx` for a server. Writing
+the same rows or the same document twice is writing it once, so whatever was interrupted is simply done again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, fields
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import pandas as pd
+
+from fdd.records import JsonObject, Rows
+from fdd.store.schema import SchemaError, StoreError
+
+__all__ = ["SchemaError", "Store", "StoreConfig", "StoreError", "StoreUnavailableError", "open_store"]
+
+
+class StoreUnavailableError(StoreError):
+    """The store cannot be reached now; the same call may succeed later."""
+
+
+@runtime_checkable
+class Store(Protocol):
+    """Where outputs and documents are kept. Every method may raise :class:`StoreError`."""
+
+    def write(self, rows: Rows | Sequence[Rows]) -> None:
+        """Upsert rows on (measurement, series, time); a field that is NaN leaves what stood there."""
+
+    def read(
+        self, measurement: str, series: Sequence[str] | None = None, start: int | None = None, end: int | None = None
+    ) -> pd.DataFrame:
+        """Rows with start <= time < end [ns], ordered by series, then time.
+
+        Columns: ``time`` (int64, ns), ``series`` (str), then every field of the measurement (float64, NaN = missing).
+        """
+
+    def series(self, measurement: str) -> list[str]:
+        """Names of the series that have been written, in order."""
+
+    def put(self, kind: str, key: str, document: JsonObject) -> None:
+        """Keep a document of JSON values and numpy arrays under (kind, key), in place of what was there."""
+
+    def get(self, kind: str, key: str) -> JsonObject | None:
+        """The document, or None."""
+
+    def list(self, kind: str) -> list[JsonObject]:
+        """All documents of a kind, ordered by key."""
+
+    def transaction(self) -> AbstractContextManager[None]:
+        """Everything written inside becomes visible and durable at once, or, on an exception, not at all.
+
+        A store without transactions holds the writes back to the end and sends rows before documents, so that a
+        checkpoint never runs ahead of the outputs it stands for.
+        """
+
+    def close(self) -> None:
+        """Let go of files and connections; a second call does nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class StoreConfig:
+    """The store part of a site.
+
+    Attributes
+    ----------
+    kind : ``sqlite`` or ``influx``
+    site : name of the site; the tag ``site`` in InfluxDB
+    path : SQLite: the database file; InfluxDB: folder of the spool
+    url, org, bucket : of the InfluxDB server; documents go to ``<bucket>_documents``
+    token_file, token_env : where the token is read from: a file, or an environment variable
+    spool_max_bytes : how much may wait on disk while the server is away
+    """
+
+    kind: str = "sqlite"
+    site: str = "site"
+    path: Path | None = None
+    url: str = ""
+    org: str = ""
+    bucket: str = ""
+    token_file: Path | None = None
+    token_env: str = ""
+    spool_max_bytes: int = 1_000_000_000
+
+    @classmethod
+    def of(cls, table: Mapping[str, Any]) -> StoreConfig:
+        """From a mapping, refusing unknown keys with a suggestion."""
+        known = [f.name for f in fields(cls)]
+        for key in table:
+            if key not in known:
+                near = get_close_matches(key, known, 1)
+                hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(known)}"
+                raise StoreError(f"store: unknown key {key!r}{hint}")
+        values = dict(table)
+        for key in ("path", "token_file"):
+            if values.get(key) is not None:
+                values[key] = Path(values[key])
+        return cls(**values)
+
+
+def open_store(config: StoreConfig | Mapping[str, Any], *, read_only: bool = False) -> Store:
+    """The store a site asks for.
+
+    ``read_only`` is for a process beside the daemon: it never makes a file and never blocks the daemon's writing.
+
+    Raises
+    ------
+    StoreError : a value is missing or cannot be used
+    StoreUnavailableError : InfluxDB, read only: the server does not answer
+    """
+    if not isinstance(config, StoreConfig):
+        config = StoreConfig.of(config)
+    if config.kind == "sqlite":
+        from fdd.store.sqlite import SqliteStore
+
+        if config.path is None:
+            raise StoreError("store: kind 'sqlite' needs 'path', the database file")
+        return SqliteStore(config.path, read_only=read_only)
+    raise StoreError(f"store: kind {config.kind!r} is not known; there are sqlite, influx")
