@@ -1,0 +1,150 @@
+"""The daemon: a source, the engine, a store, and what makes a crash harmless.
+
+The loop is the imperative shell around :class:`fdd.service.engine.Engine`: journal a batch, step the engine, write the
+outputs, and every so often save the state together with the source's position.
+"""
+
+from __future__ import annotations
+
+import time as clock
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+import structlog
+
+from fdd.records import Batch, JsonObject
+from fdd.service.alarms import AlarmError, Command, alarm_to_document
+from fdd.service.checkpoint import Checkpoint
+from fdd.service.engine import Engine, Outputs
+from fdd.store.store import Store
+from ingest.source import Source
+
+log = structlog.get_logger()
+
+# An operator waits no longer than this for a command to be seen.
+POLL_SECONDS = 1.0
+
+
+class Daemon:
+    """Runs one site until its source ends or it is told to stop.
+
+    Parameters
+    ----------
+    save_every : frames between two checkpoints
+    watch : called after every batch, for progress and health
+    now : wall clock in seconds, injected so that tests need not wait
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        store: Store,
+        checkpoint: Checkpoint,
+        *,
+        save_every: int = 100,
+        watch: Callable[[Daemon], None] | None = None,
+        now: Callable[[], float] = clock.time,
+    ) -> None:
+        self.engine, self._store, self._checkpoint = engine, store, checkpoint
+        self._save_every, self._watch, self._now = save_every, watch, now
+        self._position: JsonObject = {}
+        self._commanded = ""
+        self._unsaved = 0
+        self._polled = 0.0
+        self.samples = 0
+        self.frames = 0
+
+    def recover(self) -> JsonObject:
+        """Restore the last state, step again through what was journaled since, return the source's position."""
+        state = self._checkpoint.load()
+        if state is not None:
+            self.engine.restore_state(state["engine"])
+            self._position, self._commanded = state["position"], state["commanded"]
+            self.samples, self.frames = state["samples"], state["frames"]
+        replayed = 0
+        for entry in self._checkpoint.entries():
+            replayed += 1
+            if isinstance(entry, Batch):
+                self._take(entry)
+            else:
+                self._obey(entry)
+        if state is not None or replayed:
+            log.info("recovered", journal_entries=replayed, position=self._position)
+        return self._position
+
+    def run(self, source: Source) -> None:
+        """Take batches until the source ends; open frames are closed then."""
+        for batch in source.batches():
+            if len(batch) or batch.position != self._position:
+                self._checkpoint.journal(batch)
+                self._take(batch)
+            self._poll_commands()
+            if self._unsaved >= self._save_every:
+                self.save()
+            if self._watch:
+                self._watch(self)
+
+    def finish(self) -> None:
+        """The stream has ended for good: close the open frames and save."""
+        self._keep(self.engine.flush())
+        self.save()
+
+    def save(self) -> None:
+        """Save the state with the source's position; the journal starts afresh."""
+        self._checkpoint.save(
+            {
+                "engine": self.engine.export_state(),
+                "position": self._position,
+                "commanded": self._commanded,
+                "samples": self.samples,
+                "frames": self.frames,
+            }
+        )
+        self._unsaved = 0
+
+    def _take(self, batch: Batch) -> None:
+        outputs = self.engine.step(batch)
+        self._position = batch.position
+        self.samples += len(batch)
+        self._keep(outputs)
+
+    def _keep(self, outputs: Outputs) -> None:
+        self.frames += outputs.frames
+        self._unsaved += outputs.frames
+        if not outputs.rows and not outputs.alarms:
+            return
+        with self._store.transaction():
+            self._store.write(outputs.rows)
+            for alarm in outputs.alarms:
+                self._store.put("alarm", alarm.key, alarm_to_document(alarm))
+        for alarm in outputs.alarms:
+            log.info("alarm", key=alarm.key, state=str(alarm.state), summary=alarm.summary)
+
+    def _poll_commands(self) -> None:
+        if self._now() - self._polled < POLL_SECONDS:
+            return
+        self._polled = self._now()
+        for document in sorted(self._store.list("command"), key=lambda d: str(d["key"])):
+            if str(document["key"]) > self._commanded:
+                command = Command(**{k: v for k, v in document.items() if k != "key"})
+                self._checkpoint.journal(command)
+                self._obey(command)
+
+    def _obey(self, command: Command) -> None:
+        self._commanded = command_key(command)
+        try:
+            self._keep(self.engine.command(command))
+        except AlarmError as error:
+            log.warning("command refused", **asdict(command), reason=str(error))
+
+
+def command_key(command: Command) -> str:
+    """Commands in order of time; two of the same nanosecond in order of the alarms they name."""
+    return f"{command.time:020d}/{command.alarm}"
+
+
+def submit(store: Store, command: Command) -> None:
+    """Leave a command for the daemon."""
+    document: dict[str, Any] = {**asdict(command), "key": command_key(command)}
+    store.put("command", document["key"], document)

@@ -1,0 +1,231 @@
+"""The engine: samples in, verdicts out; no clock, no network, no disk.
+
+The same samples give the same bytes of output, in one batch or many, live or replayed, before or after a restart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.diagnosis.ranking import diagnose
+from fdd.records import Alarm, Baseline, Batch, FloatArray, JsonObject, Rows
+from fdd.service.alarms import AlarmBook, Command, Ring
+from fdd.service.charting import Charts, ChartStep
+from fdd.service.filters import FilterGroup, GroupStep
+from fdd.service.framing import Framer, Frames
+from fdd.service.plan import Component, Plan
+
+SCHEMA = 1
+
+
+class EngineError(RuntimeError):
+    """State that does not belong to this site; the text says which part and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """What a step gave: rows for the store, alarms that are new or have changed, and the frames that were closed."""
+
+    rows: list[Rows] = field(default_factory=list)
+    alarms: list[Alarm] = field(default_factory=list)
+    frames: int = 0
+
+
+class Engine:
+    """One site's filters, charts and alarms; components without a baseline are left out."""
+
+    def __init__(self, plan: Plan, baselines: Mapping[str, Baseline]) -> None:
+        self.plan = plan
+        self._framer = Framer(plan.points, plan.step, plan.lateness, plan.max_jump)
+        self._groups = _group(plan, baselines)
+        self._charts = Charts(plan, self._groups)
+        self.alarms = AlarmBook({c.name: frozenset(c.inputs) for c in plan.components})
+        self._components = {c.name: c for c in plan.components}
+        self._outputs = tuple(
+            f"{c.name}/{q.symbol}" for g in self._groups for c in g.components for q in g.model.outputs
+        )
+        self._time: int | None = None
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What became of the samples, and how often filters were started afresh, by reason."""
+        restarts: dict[str, int] = {}
+        for g in self._groups:
+            for reason, n in g.restarts.items():
+                restarts[f"restart: {reason}"] = restarts.get(f"restart: {reason}", 0) + n
+        return {**self._framer.counts, **restarts}
+
+    @property
+    def time(self) -> int | None:
+        """Event time of the last closed frame [ns]."""
+        return self._time
+
+    def step(self, batch: Batch) -> Outputs:
+        """Take samples in; return what the frames that they closed gave."""
+        return self._run(self._framer.add(batch))
+
+    def flush(self) -> Outputs:
+        """The stream has ended: close the frames that are open."""
+        return self._run(self._framer.flush())
+
+    def command(self, command: Command) -> Outputs:
+        """Carry out an operator's command at the engine's present event time.
+
+        Raises
+        ------
+        AlarmError
+            The alarm is not open, or its state does not allow the action.
+        """
+        now = command.time if self._time is None else self._time
+        changed = self.alarms.command(command, now)
+        if command.action == "clear":
+            self._charts.reset(changed[0].component)
+        return Outputs(alarms=changed)
+
+    def _run(self, frames: Frames) -> Outputs:
+        if len(frames) == 0:
+            return Outputs()
+        values = self.plan.derive(frames.values)
+        steps: list[list[GroupStep]] = []
+        charted: list[ChartStep] = []
+        alarms: list[Alarm] = []
+        for time, row in zip(frames.time.tolist(), values, strict=True):
+            group_steps = [g.step(time, row) for g in self._groups]
+            chart_step = self._charts.update(group_steps)
+            alarms += self._alarm(time, chart_step)
+            steps.append(group_steps)
+            charted.append(chart_step)
+            self._time = time
+        rows = [
+            self._sample_rows(frames, values),
+            self._prediction_rows(frames, steps),
+            self._chart_rows(frames, charted),
+        ]
+        return Outputs([r for r in rows if len(r)], alarms, len(frames))
+
+    def _alarm(self, time: int, step: ChartStep) -> list[Alarm]:
+        changed = self.alarms.tick(time)
+        if len(step.rang):
+            changed += self.alarms.ring(time, [self._ring(time, int(i), step) for i in step.rang])
+        if self.alarms.open:
+            back = [a.component for a in self.alarms.open if self._is_normal(a.component, step)]
+            changed += self.alarms.normal(time, back)
+        return [self._diagnosed(alarm) for alarm in changed]
+
+    def _ring(self, time: int, i: int, step: ChartStep) -> Ring:
+        stream = self._charts.streams[i]
+        v = step.verdicts
+        evidence = {
+            "symbol": stream.symbol,
+            "statistic": float(v.statistic[i]),
+            "limit": float(v.limit[i]),
+            "direction": int(v.direction[i]),
+        }
+        since = time - int(v.onset_age[i]) * self.plan.step
+        return Ring(stream.component, stream.name, stream.point, since, evidence)
+
+    def _is_normal(self, component: str, step: ChartStep) -> bool:
+        return all(step.normal[i] for i, s in enumerate(self._charts.streams) if s.component == component)
+
+    def _diagnosed(self, alarm: Alarm) -> Alarm:
+        component = self._components[alarm.component]
+        finding = diagnose(component.model, alarm)
+        alarm = replace(alarm, summary=finding.summary, causes=finding.causes, checks=finding.checks)
+        if self.alarms.of(alarm.component):
+            self.alarms.annotate(alarm)
+        return alarm
+
+    def _sample_rows(self, frames: Frames, values: FloatArray) -> Rows:
+        mask = np.isfinite(values)
+        return _rows("samples", self.plan.columns, frames, mask, {"value": values})
+
+    def _prediction_rows(self, frames: Frames, steps: Sequence[Sequence[GroupStep]]) -> Rows:
+        def flat(name: str) -> FloatArray:
+            return np.stack([np.concatenate([getattr(s, name).ravel() for s in row]) for row in steps])
+
+        running = np.stack([np.concatenate([np.repeat(s.running, s.predicted.shape[1]) for s in row]) for row in steps])
+        fields = {
+            "measured": flat("measured"),
+            "predicted": flat("predicted"),
+            "sd": flat("sd"),
+            "innovation": flat("standardised"),
+        }
+        return _rows("predictions", self._outputs, frames, running & np.isfinite(fields["predicted"]), fields)
+
+    def _chart_rows(self, frames: Frames, steps: Sequence[ChartStep]) -> Rows:
+        fields = {
+            "statistic": np.stack([s.verdicts.statistic for s in steps]),
+            "limit": np.stack([s.verdicts.limit for s in steps]),
+            "phase": np.stack([s.verdicts.phase for s in steps]),
+        }
+        names = tuple(s.name for s in self._charts.streams)
+        return _rows("charts", names, frames, np.ones((len(frames), len(names)), dtype=np.bool_), fields)
+
+    def export_state(self) -> JsonObject:
+        """The whole engine as plain data."""
+        return {
+            "schema": SCHEMA,
+            "time": self._time,
+            "framer": self._framer.export_state(),
+            "groups": [g.export_state() for g in self._groups],
+            "charts": self._charts.export_state(),
+            "alarms": self.alarms.export_state(),
+        }
+
+    def restore_state(self, state: JsonObject) -> None:
+        """Continue where :meth:`export_state` stood.
+
+        Raises
+        ------
+        EngineError
+            The state is of another version, or of a site with other equipment.
+        """
+        if state["schema"] != SCHEMA:
+            raise EngineError(f"engine state has schema {state['schema']}, this version reads {SCHEMA}; start afresh")
+        saved = [name for g in state["groups"] for name in g["components"]]
+        here = [c.name for g in self._groups for c in g.components]
+        if saved != here:
+            raise EngineError(
+                f"engine state is of the components {', '.join(saved)}; the site has {', '.join(here)}; "
+                "start afresh with --fresh"
+            )
+        self._time = state["time"]
+        self._framer.restore_state(state["framer"])
+        for group, saved_group in zip(self._groups, state["groups"], strict=True):
+            group.restore_state(saved_group)
+        self._charts.restore_state(state["charts"])
+        self.alarms.restore_state(state["alarms"])
+
+
+def _group(plan: Plan, baselines: Mapping[str, Baseline]) -> list[FilterGroup]:
+    """One group for each model with its options; components keep the order of the site file within it."""
+    groups: dict[str, list[Component]] = {}
+    for c in plan.components:
+        if c.name in baselines:
+            groups.setdefault(f"{c.model.name} {sorted(c.model.options.items())}", []).append(c)
+    return [
+        FilterGroup(members, baselines, plan.columns, hold=plan.hold, max_gap=plan.max_gap)
+        for members in groups.values()
+    ]
+
+
+def _rows(
+    measurement: str,
+    names: tuple[str, ...],
+    frames: Frames,
+    mask: NDArray[np.bool_],
+    fields: dict[str, NDArray[np.generic]],
+) -> Rows:
+    """Rows from matrices (frames, series), where ``mask`` is true."""
+    at, series = np.nonzero(mask)
+    return Rows(
+        measurement=measurement,
+        names=names,
+        series=series.astype(np.int32),
+        time=frames.time[at],
+        fields={name: matrix[at, series] for name, matrix in fields.items()},
+    )

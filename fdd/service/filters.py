@@ -1,0 +1,153 @@
+"""The components of one model type, stepped together: gates, gaps and held inputs around one filter bank.
+
+=================  ==============================================================================
+condition          outcome
+=================  ==============================================================================
+input missing      its last value is held for ``hold``; after that the component has no data
+output missing     the filter predicts; that output's charts see nothing
+gate false         the machine is off: the filter rests, and starts afresh when it is on again
+gap > ``max_gap``  the filter starts afresh from the next complete measurement
+start              charts see nothing for the component's ``start_up``
+filter breaks      the component starts afresh; the reason is counted
+=================  ==============================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.greybox.filter_bank import STATUS, FilterBank
+from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
+from fdd.service.plan import Component
+
+NEVER = np.iinfo(np.int64).min
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class GroupStep:
+    """One step of a group; arrays are (n, n_outputs) unless said.
+
+    ``standardised`` is NaN where charts shall see nothing; ``score`` (n, n_p) and ``information`` (n, n_p, n_p) are
+    meant for the rows where ``charted`` (n,) is true.
+    """
+
+    predicted: FloatArray
+    sd: FloatArray
+    standardised: FloatArray
+    measured: FloatArray
+    running: BoolArray
+    charted: BoolArray
+    score: FloatArray
+    information: FloatArray
+
+
+class FilterGroup:
+    """All components that share one model, in one filter bank."""
+
+    def __init__(
+        self,
+        components: Sequence[Component],
+        baselines: Mapping[str, Baseline],
+        columns: Sequence[str],
+        *,
+        hold: int,
+        max_gap: int,
+    ) -> None:
+        self.baselines = [baselines[c.name] for c in components]
+        self.components = tuple(components)
+        self.model = components[0].model
+        column = {name: i for i, name in enumerate(columns)}
+        self._inputs = np.array([[column[p] for p in c.inputs] for c in components], dtype=np.int64)
+        self._outputs = np.array([[column[p] for p in c.outputs] for c in components], dtype=np.int64)
+        self._gate = np.array([column[c.when] if c.when else -1 for c in components], dtype=np.int64)
+        self._start_up = np.array([c.start_up for c in components], dtype=np.int64)
+        self._hold, self._max_gap = hold, max_gap
+        names = [p.symbol for p in self.model.parameters]
+        parameters = np.array([[b.parameters[s] for s in names] for b in self.baselines])
+        self._bank = FilterBank(self.model, parameters)
+        statistics = [[b.innovation.get(o.symbol, {}) for o in self.model.outputs] for b in self.baselines]
+        self._mean = np.array([[s.get("mean", 0.0) for s in row] for row in statistics])
+        self._sd = np.array([[s.get("sd", 1.0) for s in row] for row in statistics])
+        n = len(components)
+        self._last = np.full(n, NEVER, dtype=np.int64)
+        self._quiet = np.full(n, NEVER, dtype=np.int64)
+        self._held = np.full(self._inputs.shape, np.nan)
+        self._held_at = np.full(self._inputs.shape, NEVER, dtype=np.int64)
+        self.restarts: dict[str, int] = {}
+
+    def step(self, time: int, values: FloatArray) -> GroupStep:
+        """Step every component whose data allow it; ``values`` is one frame, shape (n_columns,)."""
+        u, has_inputs = self._hold_inputs(time, values)
+        y = values[self._outputs]
+        on = np.where(self._gate < 0, True, values[self._gate] > 0.5)
+        self._rest(~on)
+        stale = (self._last != NEVER) & (time - np.maximum(self._last, time - 2 * self._max_gap) > self._max_gap)
+        self._rest(stale)
+        starting = self._last == NEVER
+        running = has_inputs & on & (~starting | np.isfinite(y).all(axis=1))
+        self._quiet = np.where(starting & running, time + self._start_up, self._quiet)
+        dt = np.where(starting, 0.0, (time - np.where(starting, time, self._last)) / NANOSECONDS)
+        step = self._bank.step(dt, u, y, running)
+        self._last = np.where(running, time, self._last)
+        self._note(time, step.status, running)
+        charted = running & (time >= self._quiet) & (step.status == 0)
+        sd = np.sqrt(step.variance)
+        z = (step.innovation / sd - self._mean) / self._sd
+        return GroupStep(
+            predicted=step.predicted,
+            sd=sd,
+            standardised=np.where(charted[:, None], z, np.nan),
+            measured=y,
+            running=running,
+            charted=charted,
+            score=step.score,
+            information=step.information,
+        )
+
+    def _hold_inputs(self, time: int, values: FloatArray) -> tuple[FloatArray, BoolArray]:
+        fresh_values = values[self._inputs]
+        fresh = np.isfinite(fresh_values)
+        self._held = np.where(fresh, fresh_values, self._held)
+        self._held_at = np.where(fresh, time, self._held_at)
+        usable: BoolArray = (self._held_at >= time - self._hold).all(axis=1)
+        return self._held, usable
+
+    def _rest(self, which: BoolArray) -> None:
+        which = which & (self._last != NEVER)
+        if which.any():
+            self._bank.reset(which)
+            self._last[which] = NEVER
+
+    def _note(self, time: int, status: NDArray[np.uint8], running: BoolArray) -> None:
+        broken = running & (status != 0)
+        for i in np.flatnonzero(broken):
+            reason = STATUS[int(status[i])]
+            self.restarts[reason] = self.restarts.get(reason, 0) + 1
+        self._last = np.where(broken, NEVER, self._last)
+
+    def export_state(self) -> JsonObject:
+        """The filters and what is remembered around them, as plain data."""
+        return {
+            "components": [c.name for c in self.components],
+            "baselines": [b.version for b in self.baselines],
+            "bank": self._bank.export_state(),
+            "last": self._last.copy(),
+            "quiet": self._quiet.copy(),
+            "held": self._held.copy(),
+            "held_at": self._held_at.copy(),
+            "restarts": dict(self.restarts),
+        }
+
+    def restore_state(self, state: JsonObject) -> None:
+        """Continue where :meth:`export_state` stood."""
+        self._bank.restore_state(state["bank"])
+        self._last = np.array(state["last"], dtype=np.int64)
+        self._quiet = np.array(state["quiet"], dtype=np.int64)
+        self._held = np.array(state["held"], dtype=np.float64)
+        self._held_at = np.array(state["held_at"], dtype=np.int64)
+        self.restarts = dict(state["restarts"])

@@ -1,0 +1,94 @@
+"""Past data in the engine's own frames: what fitting and reports look at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdd.records import Batch, FloatArray, IntArray
+from fdd.service.framing import Framer
+from fdd.service.plan import Component, Plan
+from fdd.store.store import Store
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """Frames of a span: ``time`` (m,) [ns], ``values`` (m, n_columns) in SI, columns as in the plan."""
+
+    columns: tuple[str, ...]
+    time: IntArray
+    values: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def between(self, start: int | None, end: int | None) -> History:
+        """The frames in [start, end)."""
+        keep = np.ones(len(self), dtype=np.bool_)
+        if start is not None:
+            keep &= self.time >= start
+        if end is not None:
+            keep &= self.time < end
+        return History(self.columns, self.time[keep], self.values[keep])
+
+    def of(self, names: tuple[str, ...]) -> FloatArray:
+        """Columns by name, shape (m, len(names))."""
+        return self.values[:, [self.columns.index(n) for n in names]]
+
+
+def read_history(plan: Plan, batches: Iterable[Batch]) -> tuple[History, dict[str, int]]:
+    """Frame a whole source as the engine would; also the counts of what became of its samples."""
+    framer = Framer(plan.points, plan.step, plan.lateness, plan.max_jump)
+    closed = [framer.add(b) for b in batches]
+    closed.append(framer.flush())
+    time = np.concatenate([f.time for f in closed])
+    values = plan.derive(np.concatenate([f.values for f in closed]))
+    return History(plan.columns, time, values), framer.counts
+
+
+def stored_history(plan: Plan, store: Store, start: int | None = None, end: int | None = None) -> History:
+    """Frames that the daemon kept in the store."""
+    table = store.read("samples", list(plan.points), start, end)
+    wide = table.pivot(index="time", columns="series", values="value").reindex(columns=list(plan.points))
+    return History(plan.columns, wide.index.to_numpy(dtype=np.int64), plan.derive(wide.to_numpy(dtype=np.float64)))
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """Consecutive frames in which a component could be judged: ``time`` (m,) [ns], ``u`` (m, n_u), ``y`` (m, n_y)."""
+
+    time: IntArray
+    u: FloatArray
+    y: FloatArray
+
+
+def runs(plan: Plan, component: Component, history: History, shortest: int = 12) -> list[Run]:
+    """Cut a history into runs without gaps, with inputs held as the engine holds them and the gate on."""
+    u = _held(history.time, history.of(component.inputs), plan.hold)
+    y = history.of(component.outputs)
+    usable = np.isfinite(u).all(axis=1)
+    if component.when:
+        usable &= history.of((component.when,))[:, 0] > 0.5
+    at = np.flatnonzero(usable)
+    if len(at) == 0:
+        return []
+    # Frames left out by the gate or for want of inputs break a run; so does silence.
+    breaks = np.flatnonzero((np.diff(at) > 1) | (np.diff(history.time[at]) > plan.max_gap)) + 1
+    found = []
+    for part in np.split(at, breaks):
+        complete = np.isfinite(y[part]).all(axis=1)
+        part = part[int(np.argmax(complete)) :] if complete.any() else part[:0]
+        if len(part) >= shortest:
+            found.append(Run(history.time[part], u[part], y[part]))
+    return found
+
+
+def _held(time: IntArray, values: FloatArray, hold: int) -> FloatArray:
+    """Fill each column's gaps with its last value, for as long as ``hold`` [ns]."""
+    rows = np.arange(len(values))[:, None]
+    last = np.maximum.accumulate(np.where(np.isfinite(values), rows, -1), axis=0)
+    filled = np.where(last >= 0, np.take_along_axis(values, np.maximum(last, 0), axis=0), np.nan)
+    age = time[:, None] - time[np.maximum(last, 0)]
+    return np.where(age <= hold, filled, np.nan)
