@@ -1,1 +1,1 @@
-"""Control charts, one a file, and the run-length solver that sets their limits."""
+"""Control charts on innovations, scores and estimates, with limits from a false-alarm budget."""
