@@ -1,0 +1,134 @@
+"""What of a site can only be checked with the component models at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from fdd.config.base import suggestion
+from fdd.config.schema import Equipment, Site
+from fdd.models.declare import ComponentModel, ModelError, Quantity
+from fdd.models.registry import get_model
+from fdd.units import NAMES, UnitError, conversion
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something in a site that stops it (``error``) or that a reader should know (``warning``)."""
+
+    severity: Literal["error", "warning"]
+    key: str
+    problem: str
+    remedy: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.severity}: {self.key}: {self.problem}" + (f". {self.remedy}" if self.remedy else "")
+
+
+def component_model(equipment: Equipment) -> ComponentModel:
+    """The model of a piece of equipment, its fixed and tied parameters taken out.
+
+    Raises
+    ------
+    ModelError : unknown model or option, or a value that the model refuses.
+    """
+    options: dict[str, Any] = dict(equipment.options)
+    fixed = {s: p.initial for s, p in equipment.parameters.items() if p.fixed}
+    tied = {s: p.tied for s, p in equipment.parameters.items() if p.tied}
+    for key, table in (("fixed", fixed), ("tied", tied)):
+        if table:
+            options[key] = {**options.get(key, {}), **table}
+    return get_model(equipment.model, **options)
+
+
+def check_site(site: Site) -> list[Finding]:
+    """Everything that is wrong or odd about a site whose file is well formed; errors first."""
+    findings = [*_general(site), *_unused(site)]
+    for name, equipment in site.equipment.items():
+        findings += _equipment(site, name, equipment)
+    return sorted(findings, key=lambda f: f.severity)
+
+
+def _general(site: Site) -> Iterator[Finding]:
+    if not site.sources:
+        yield Finding("warning", "sources", "no source is given", "Name a data file on the command line, or add one.")
+    if not site.equipment:
+        yield Finding("error", "equipment", "nothing is watched", "Add equipment; `fdd models` lists the models.")
+    if site.max_gap < site.step:
+        yield Finding(
+            "error", "max_gap", f"{site.max_gap:g} s is shorter than the step of {site.step:g} s", "Lengthen it."
+        )
+
+
+def _unused(site: Site) -> Iterator[Finding]:
+    used = {p for e in site.equipment.values() for p in (*e.inputs.values(), *e.outputs.values())}
+    used |= {p for e in site.derived.values() for p in e.points}
+    used |= {p for name in site.equipment if (gate := site.gate(name)) for p in gate.points}
+    for name in site.points:
+        if name not in used:
+            yield Finding("warning", f"points.{name}", "is used by no equipment", "Map it to a role, or leave it out.")
+
+
+def _equipment(site: Site, name: str, equipment: Equipment) -> Iterator[Finding]:
+    key = f"equipment.{name}"
+    try:
+        model = component_model(equipment)
+    except (ModelError, TypeError) as error:
+        yield Finding("error", f"{key}.model", str(error))
+        return
+    yield from _roles(site, f"{key}.inputs", equipment.inputs, model.inputs)
+    yield from _roles(site, f"{key}.outputs", equipment.outputs, model.outputs)
+    yield from _parameters(key, equipment, model)
+
+
+def _roles(site: Site, key: str, mapped: dict[str, str], roles: tuple[Quantity, ...]) -> Iterator[Finding]:
+    known = {q.symbol: q for q in roles}
+    for role, point in mapped.items():
+        if role not in known:
+            yield Finding("error", f"{key}.{role}", "the model has no such role", suggestion(role, list(known)))
+            continue
+        yield from _fit(site, f"{key}.{role}", point, known[role])
+    for symbol, quantity in known.items():
+        if symbol not in mapped:
+            yield Finding(
+                "error",
+                key,
+                f"role {symbol} ({quantity.meaning}) has no point",
+                f"Add `{symbol}: POINT` [{quantity.unit}].",
+            )
+
+
+def _fit(site: Site, key: str, point: str, role: Quantity) -> Iterator[Finding]:
+    """The point's SI unit must be the role's: models speak SI, so no factor is left to apply."""
+    unit = site.units[point]
+    if conversion(role.unit).si == unit:
+        return
+    if unit == "1" and site.points[point].expression is None and "unit" not in site.points[point].model_fields_set:
+        yield Finding("error", key, f"point {point!r} has no unit", f"Give it one that fits [{role.unit}].")
+        return
+    declared = site.points[point]
+    try:
+        conversion(declared.unit, role.unit, quantity=declared.quantity, fluid=declared.fluid)
+        remedy = ""
+    except UnitError as error:
+        remedy = error.remedy
+    problem = f"point {point!r} is a {NAMES.get(unit, unit)} [{unit}], the model needs {role.meaning} [{role.unit}]"
+    yield Finding("error", key, problem, remedy)
+
+
+def _parameters(key: str, equipment: Equipment, model: ComponentModel) -> Iterator[Finding]:
+    known = {p.symbol: p for p in model.parameters}
+    for symbol, given in equipment.parameters.items():
+        if given.fixed or given.tied:
+            continue
+        place = f"{key}.parameters.{symbol}"
+        if symbol not in known:
+            yield Finding("error", place, "the model has no such parameter", suggestion(symbol, list(known)))
+            continue
+        own = known[symbol]
+        for what in ("initial", "lower", "upper"):
+            value = getattr(given, what)
+            if value is not None and not own.lower <= value <= own.upper:
+                limits = f"[{own.lower:g}, {own.upper:g}] {own.unit}"
+                yield Finding("error", place, f"{what} {value:g} is outside the model's {limits}", "Check the unit.")

@@ -1,0 +1,311 @@
+"""The tables of the site file. Every field's description is checked to stand in ``docs/site-file.md``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, PrivateAttr, SerializeAsAny, field_validator, model_validator
+
+from fdd.config.base import Duration, DurationOrZero, SourceOptions, Strict, UnitText, Zone, refusal, suggestion
+from fdd.expressions import Expression, ExpressionError, compile_expression
+from fdd.units import Conversion, QuantityKind, UnitError, conversion
+
+
+class Point(Strict):
+    """One measured or derived point. Numbers (``sensor_sd``, ``range``, ``missing``) are in the point's ``unit``."""
+
+    column: str = Field(
+        default="", description="what the source calls it (column, topic); defaults to the point's own name"
+    )
+    source: str = Field(default="", description="which of several sources it comes from; defaults to the first")
+    unit: UnitText = Field(default="1", description="unit as the plant spells it")
+    quantity: QuantityKind | None = Field(
+        default=None, description="temperature (K that are absolute) or difference (degC or degF that are differences)"
+    )
+    fluid: str | float | None = Field(
+        default=None, description="what flows, or its density [kg/m3]; makes a volume flow a mass flow"
+    )
+    sensor_sd: float | None = Field(default=None, gt=0, description="standard deviation of the sensor's error")
+    range: tuple[float, float] | None = Field(default=None, description="values outside are rejected as bad")
+    missing: tuple[float, ...] = Field(default=(), description="numbers that mean 'no value', such as -9999")
+    expression: str | None = Field(default=None, description="makes this a derived point: arithmetic over other points")
+    description: str = Field(default="", description="what the point is, for the report")
+
+    @field_validator("range")
+    @classmethod
+    def _ordered(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and not value[0] < value[1]:
+            raise refusal(f"range {value[0]:g} to {value[1]:g} is empty", "Write [lowest, highest].")
+        return value
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Point:
+        if self.expression is not None and (self.column or self.source or self.missing or self.range):
+            raise refusal("a derived point has no column, range or missing values", "Put them on the points it uses.")
+        try:
+            self.conversion  # noqa: B018 - refuses what cannot be converted
+        except UnitError as error:
+            raise refusal(error.problem, error.remedy, "unit") from None
+        if self.fluid is not None and self.conversion.si != "kg/s":
+            raise refusal(f"'fluid' has no use for unit {self.unit!r}", "Leave it out, or correct the unit.", "fluid")
+        return self
+
+    @property
+    def conversion(self) -> Conversion:
+        """From the declared unit to SI."""
+        return conversion(self.unit, quantity=self.quantity, fluid=self.fluid)
+
+    @property
+    def sensor_sd_si(self) -> float | None:
+        """Standard deviation of the sensor's error in SI."""
+        return None if self.sensor_sd is None else self.conversion.spread(self.sensor_sd)
+
+
+class ParameterSpec(Strict):
+    """What is known beforehand about one parameter of a component, in the model's unit for it."""
+
+    initial: float | None = Field(default=None, description="where estimation starts")
+    lower: float | None = Field(default=None, description="lower bound")
+    upper: float | None = Field(default=None, description="upper bound")
+    fixed: bool = Field(default=False, description="hold it at 'initial' instead of estimating it")
+    tied: str | None = Field(default=None, description="the parameter it is always equal to")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _number(cls, table: Any) -> Any:
+        if isinstance(table, int | float) and not isinstance(table, bool):
+            return {"initial": table}
+        return table
+
+    @model_validator(mode="after")
+    def _bounded(self) -> ParameterSpec:
+        if self.fixed and self.initial is None:
+            raise refusal("'fixed' needs a value", "Give it as 'initial'.", "fixed")
+        low = -float("inf") if self.lower is None else self.lower
+        high = float("inf") if self.upper is None else self.upper
+        if low >= high:
+            raise refusal(f"lower {low:g} is not below upper {high:g}", "Swap or correct them.", "lower")
+        if self.initial is not None and not low <= self.initial <= high:
+            raise refusal(f"initial {self.initial:g} is outside [{low:g}, {high:g}]", "Move it inside.", "initial")
+        return self
+
+
+class Charts(Strict):
+    """Which charts watch a component; empty means all that apply."""
+
+    kinds: tuple[str, ...] = Field(default=(), description="kinds of chart; empty means all that apply")
+    exclude: tuple[str, ...] = Field(default=(), description="parameters or outputs that get no chart")
+
+
+class Equipment(Strict):
+    """One component under a filter."""
+
+    model: str = Field(description="component model; `fdd models` lists them")
+    options: dict[str, Any] = Field(default={}, description="options of the model")
+    inputs: dict[str, str] = Field(default={}, description="model input to point")
+    outputs: dict[str, str] = Field(default={}, description="model output to point")
+    parameters: dict[str, ParameterSpec] = Field(default={}, description="what is known about parameters")
+    when: str | None = Field(default=None, description="condition under which it may be judged, such as pump > 0.5")
+    start_up: DurationOrZero = Field(default=0.0, description="how long charts rest after 'when' becomes true")
+    weight: float = Field(default=1.0, gt=0, description="share of the false-alarm budget, relative to other equipment")
+    upstream: tuple[str, ...] = Field(default=(), description="equipment whose alarm explains this one's")
+    charts: Charts = Field(default=Charts(), description="which charts watch it")
+    title: str = Field(default="", description="name for people")
+    location: str = Field(default="", description="where to find it")
+
+
+class Tariffs(Strict):
+    """Prices, for the cost of a fault."""
+
+    currency: str = Field(default="EUR", description="currency of the prices")
+    heat: float | None = Field(default=None, ge=0, description="price of heat per kWh")
+    cooling: float | None = Field(default=None, ge=0, description="price of cooling per kWh")
+    electricity: float | None = Field(default=None, ge=0, description="price of electricity per kWh")
+
+
+class SqliteStore(Strict):
+    """The embedded store."""
+
+    kind: Literal["sqlite"] = Field(default="sqlite", description="sqlite")
+    path: Path = Field(default=Path("fdd.sqlite"), description="database file, relative to the site file")
+
+
+class InfluxStore(Strict):
+    """An InfluxDB 2 server. The token is never in the site file."""
+
+    kind: Literal["influx"] = Field(description="influx")
+    url: str = Field(description="such as http://127.0.0.1:8086")
+    org: str = Field(description="organisation")
+    bucket: str = Field(description="bucket")
+    token_file: Path | None = Field(default=None, description="file that holds the token")
+    token_env: str | None = Field(default=None, description="environment variable that holds the token")
+
+    @model_validator(mode="after")
+    def _one_token(self) -> InfluxStore:
+        if (self.token_file is None) == (self.token_env is None):
+            raise refusal("give either 'token_file' or 'token_env'", "The token itself never stands in a site file.")
+        return self
+
+
+Store = Annotated[SqliteStore | InfluxStore, Field(discriminator="kind")]
+
+
+class Site(Strict):
+    """A checked site file. Durations are in seconds."""
+
+    name: str = Field(description="name of the site")
+    zone: Zone = Field(default="UTC", description="IANA time zone of local times in the data and of the report")
+    step: Duration = Field(default=300.0, description="length of a frame: how often filters step")
+    lateness: DurationOrZero = Field(default=600.0, description="how late a sample may come and still count")
+    max_gap: Duration = Field(default=3600.0, description="a longer silence restarts a component's filter")
+    max_jump: Duration = Field(
+        default=7 * 86400.0, description="a sample further ahead is a clock error until confirmed"
+    )
+    hold: DurationOrZero = Field(default=0.0, description="how long a point's last value stands in for a missing one")
+    false_alarms_per_year: float = Field(default=1.0, gt=0, description="false alarms a year, for the whole plant")
+    learning: DurationOrZero = Field(default=0.0, description="time after a new baseline before charts judge")
+    tariffs: Tariffs = Field(default=Tariffs(), description="prices")
+    store: Store = Field(default=SqliteStore(), description="where results are kept")
+    sources: tuple[SerializeAsAny[SourceOptions], ...] = Field(default=(), description="where samples come from")
+    points: dict[str, Point] = Field(default={}, description="point name to what it is")
+    equipment: dict[str, Equipment] = Field(default={}, description="equipment name to what it is")
+
+    _folder: Path = PrivateAttr(default_factory=Path.cwd)
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the site file, where relative paths start."""
+        return self._folder
+
+    def located(self, folder: Path) -> Site:
+        """The same site, its relative paths starting at ``folder``."""
+        site = self.model_copy()
+        site._folder = folder
+        return site
+
+    @model_validator(mode="after")
+    def _references(self) -> Site:
+        for check in (self._check_sources, self._check_points, self._check_expressions, self._check_equipment):
+            check()
+        return self
+
+    def _check_sources(self) -> None:
+        labels = [s.label for s in self.sources]
+        for i, label in enumerate(labels):
+            if label in labels[:i]:
+                raise refusal(f"two sources are named {label!r}", "Give each a 'name'.", f"sources.{i}")
+
+    def _check_points(self) -> None:
+        seen: dict[tuple[str, str], str] = {}
+        labels = [s.label for s in self.sources]
+        for name, point in self.measured.items():
+            if point.source and point.source not in labels:
+                raise refusal(f"no source {point.source!r}", suggestion(point.source, labels), f"points.{name}.source")
+            other = seen.setdefault((point.source, self.column(name)), name)
+            if other != name:
+                raise refusal(
+                    f"reads {self.column(name)!r}, which point {other!r} reads already",
+                    f"Make it a derived point: expression: {other}.",
+                    f"points.{name}.column",
+                )
+
+    def _check_expressions(self) -> None:
+        try:
+            self.derived  # noqa: B018 - compiles them
+            for name in self.equipment:
+                self.gate(name)
+        except ExpressionError as error:
+            key = next(k for k, text in self._expression_texts() if text == error.text)
+            raise refusal(error.problem, error.remedy, key) from None
+
+    def _expression_texts(self) -> list[tuple[str, str]]:
+        points = [(f"points.{n}.expression", p.expression) for n, p in self.points.items() if p.expression is not None]
+        gates = [(f"equipment.{n}.when", e.when) for n, e in self.equipment.items() if e.when is not None]
+        return points + gates
+
+    def _check_equipment(self) -> None:
+        for name, item in self.equipment.items():
+            for table in ("inputs", "outputs"):
+                for role, point in getattr(item, table).items():
+                    if point not in self.points:
+                        raise refusal(
+                            f"no point is named {point!r}",
+                            suggestion(point, list(self.points)),
+                            f"equipment.{name}.{table}.{role}",
+                        )
+            for other in item.upstream:
+                if other not in self.equipment or other == name:
+                    others = [e for e in self.equipment if e != name]
+                    raise refusal(
+                        f"no other equipment is named {other!r}",
+                        suggestion(other, others),
+                        f"equipment.{name}.upstream",
+                    )
+
+    @property
+    def measured(self) -> dict[str, Point]:
+        """Points that come from a source."""
+        return {n: p for n, p in self.points.items() if p.expression is None}
+
+    def column(self, point: str) -> str:
+        """What the source calls a point."""
+        return self.points[point].column or point
+
+    def points_of(self, source: SourceOptions) -> dict[str, Point]:
+        """Measured points that come from one source; those that name none come from the first."""
+        first = not self.sources or source.label == self.sources[0].label
+        return {n: p for n, p in self.measured.items() if p.source == source.label or (first and not p.source)}
+
+    @cached_property
+    def units(self) -> Mapping[str, str]:
+        """SI unit of every point, measured and derived."""
+        return {n: p.conversion.si for n, p in self.measured.items()} | {n: e.unit for n, e in self.derived.items()}
+
+    @cached_property
+    def derived(self) -> Mapping[str, Expression]:
+        """Derived points in an order in which each needs only those before it."""
+        units = {n: p.conversion.si for n, p in self.measured.items()}
+        waiting = {n: p for n, p in self.points.items() if p.expression is not None}
+        done: dict[str, Expression] = {}
+        while waiting:
+            before, failed = len(waiting), list[ExpressionError]()
+            for name, point in list(waiting.items()):
+                try:
+                    done[name] = _derived(point, units)
+                except ExpressionError as error:
+                    failed.append(error)
+                else:
+                    units[name] = done[name].unit
+                    del waiting[name]
+            if waiting and len(failed) == before:
+                raise _root_cause(failed, waiting)
+        return done
+
+    def gate(self, equipment: str) -> Expression | None:
+        """When a piece of equipment may be judged; None means always."""
+        text = self.equipment[equipment].when
+        return None if text is None else compile_expression(text, self.units)
+
+
+def _derived(point: Point, units: Mapping[str, str]) -> Expression:
+    text = point.expression or ""
+    compiled = compile_expression(text, units)
+    declared = point.conversion.si
+    if "unit" in point.model_fields_set and compiled.unit != declared:
+        problem = f"the result is in {compiled.unit}, which does not fit unit {point.unit!r}"
+        raise ExpressionError(text, problem, "Correct the unit or the expression.")
+    return compiled
+
+
+def _root_cause(failed: list[ExpressionError], waiting: Mapping[str, Point]) -> ExpressionError:
+    """The error that does not merely come of another derived point's error."""
+    for error in failed:
+        if not any(f"named {name!r}" in error.problem for name in waiting):
+            return error
+    circle = ", ".join(waiting)
+    return ExpressionError(
+        failed[0].text, f"derived points need each other in a circle ({circle})", "Break the circle."
+    )

@@ -1,0 +1,108 @@
+"""What replaying files has in common, whatever their format: paths, counters, positions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from fdd.records import Batch, JsonObject
+from ingest.csv.localtime import Clock
+from ingest.csv.options import FileOptions
+from ingest.csv.table import Table
+from ingest.source import Context, Refused
+
+NOTES = 20
+
+
+class FileSource:
+    """Reads files one after the other; subclasses read one file from a row on."""
+
+    _options: FileOptions
+    _context: Context
+
+    def __init__(self) -> None:
+        self._counts: dict[str, int] = {}
+        self._notes: list[str] = []
+        self._position: JsonObject = {"file": 0, "line": 0, "row": 0, "previous": {}}
+        self._paths: list[Path] = []
+        self._stopped = False
+
+    def configure(self, options: FileOptions, context: Context) -> None:
+        """Keep the options; files are looked at in :meth:`open`."""
+        self._options, self._context = options, context
+        zone = options.time.zone or context.zone
+        self._clock = Clock(options.time, zone, self._counts)
+        self._clock.origin()
+        if options.time.start is not None:
+            self._clock.moment(options.time.start, "time.start")
+
+    def open(self, position: JsonObject | None = None) -> None:
+        """Find the files and check the first one's columns.
+
+        Raises
+        ------
+        Refused : no such file, no such column, an encoding or a time that cannot be.
+        """
+        self._paths = [p for pattern in self._options.paths for p in self._expand(pattern)]
+        self._stopped = False
+        if position:
+            self._position = {**self._position, **position}
+        self._clock.previous = dict(self._position["previous"])
+        if self._position["file"] < len(self._paths):
+            self._check(self._paths[self._position["file"]])
+
+    def _expand(self, pattern: Path) -> list[Path]:
+        path = pattern if pattern.is_absolute() else self._context.folder / pattern
+        if path.is_file():
+            return [path]
+        found = sorted(path.parent.glob(path.name)) if path.parent.is_dir() else []
+        if not found:
+            raise Refused(f"there is no file {path}; check 'path' (it starts at the site file's folder)")
+        return found
+
+    def batches(self) -> Iterator[Batch]:
+        """Batches of ``batch_rows`` rows until the last file ends."""
+        while self._position["file"] < len(self._paths):
+            for batch in self._read(self._paths[self._position["file"]]):
+                self._position = batch.position
+                yield batch
+                if self._stopped:
+                    return
+            self._position = {**self._position, "file": self._position["file"] + 1, "line": 0, "row": 0}
+
+    def _check(self, path: Path) -> None:
+        raise NotImplementedError
+
+    def _read(self, path: Path) -> Iterator[Batch]:
+        raise NotImplementedError
+
+    def _table(self, header: list[str], path: Path) -> Table:
+        return Table(header, self._options, self._clock, self._context.columns, path.name, self._counts)
+
+    def _after(self, line: int, row: int) -> JsonObject:
+        return {"file": self._position["file"], "line": line, "row": row, "previous": dict(self._clock.previous)}
+
+    def _count(self, reason: str, number: int, note: str = "") -> None:
+        if number:
+            self._counts[reason] = self._counts.get(reason, 0) + number
+            if note and len(self._notes) < NOTES:
+                self._notes.append(note)
+
+    def position(self) -> JsonObject:
+        """File, line and row after the last batch."""
+        return self._position
+
+    def counters(self) -> dict[str, int]:
+        """What was rejected or odd, by reason."""
+        return dict(self._counts)
+
+    def notes(self) -> list[str]:
+        """The first rejections with their line numbers."""
+        return list(self._notes)
+
+    def stop(self) -> None:
+        """End after the current batch."""
+        self._stopped = True
+
+    def close(self) -> None:
+        """Nothing is held between batches."""
