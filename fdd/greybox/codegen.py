@@ -1,0 +1,484 @@
+"""Kernel text from traced equations: straight-line Python that numba compiles and plain Python runs as well.
+
+One text holds, for one model: ``prepare`` (what depends on parameters only), ``start``, ``predict`` (covariance and, if
+wanted, tangents of state and covariance with respect to every parameter), ``update`` (sequential scalar updates on the
+packed symmetric covariance), ``run`` (the likelihood over a record) and ``bank`` (one step of many components).
+
+Everything lives in one flat workspace ``w`` at constant offsets, because that is what the compiler can vectorise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from fdd.greybox import templates
+from fdd.greybox.equations import System, substitute
+from fdd.greybox.trace import Expr, Level
+
+Method = Literal["exact", "rk4"]
+Hold = Literal["zero", "first"]
+FORMAT = 1  # raise when the meaning of the generated text changes
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """Which filter to generate: how to predict, how inputs act between samples, with tangents or without."""
+
+    method: Method
+    hold: Hold = "zero"
+    tangents: bool = False
+
+
+def packed(i: int, j: int, n: int) -> int:
+    """Position of element (i, j) in the packed upper triangle of a symmetric (n, n) matrix."""
+    i, j = min(i, j), max(i, j)
+    return i * n - i * (i - 1) // 2 + j - i
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Offsets in the workspace; the first ``persistent`` entries are what a filter must remember between samples."""
+
+    n: int
+    inputs: int
+    outputs: int
+    parameters: int
+    varying: int
+    variant: Variant
+
+    @property
+    def K(self) -> int:
+        """Tangent row length: parameters, padded to full vectors."""
+        return -(-self.parameters // 4) * 4 if self.variant.tangents else 0
+
+    @property
+    def nz(self) -> int:
+        return self.n + self.n * (self.n + 1) // 2
+
+    @property
+    def offsets(self) -> dict[str, int]:
+        n, K, nz, q = self.n, self.K, self.nz, self.outputs
+        sizes = {"X": n, "P": nz - n, "T": nz * K, "STARTED": 1, "UPREV": self.inputs}
+        if self.variant.method == "exact":
+            sizes |= {"KEY": 1 + self.varying}
+            for name in ("AD", "PH", "PH2", "QD"):
+                sizes |= {name: n * n, "T" + name: n * n * K}
+        sizes |= {"PERSISTENT": 0, "DE": q * K, "DS": q * K, "DG": n * K, "XP": n, "TXP": n * K}
+        if self.variant.method == "exact":
+            for name in ("A", "Q", "X1", "X2", "Y1", "Y2"):
+                sizes |= {name: n * n, "T" + name: n * n * K}
+            sizes |= {"C0": n, "TC0": n * K, "C1": n, "TC1": n * K, "M": n * n, "TM": n * n * K, "TN": nz * K}
+        else:
+            sizes |= {"TS": nz * K, "TK": nz * K, "TACC": nz * K}
+        out, at = {}, 0
+        for name, size in sizes.items():
+            out[name] = at
+            at += size
+        return out | {"SIZE": at}
+
+
+class Constants:
+    """Expressions of the parameters alone, each computed once a parameter vector and kept in ``c``."""
+
+    def __init__(self, parameters: Sequence[Expr]) -> None:
+        self.slots = {p.index: i for i, p in enumerate(parameters)}
+        self.extra: list[Expr] = []
+
+    def slot(self, e: Expr) -> int:
+        if e.index not in self.slots:
+            self.slots[e.index] = len(self.slots)
+            self.extra.append(e)
+        return self.slots[e.index]
+
+
+class Scope:
+    """Lines of one nesting level of a generated function, and the names its expressions have."""
+
+    def __init__(self, names: dict[int, str], prefix: str, constants: Constants, outer: Scope | None = None) -> None:
+        self.names, self.prefix, self.constants, self.outer = dict(names), prefix, constants, outer
+        self.level = Level.STATE
+        self.lines: list[str] = []
+
+    def __call__(self, e: Expr) -> str:
+        """The name (or literal) of an expression's value, writing the lines it needs."""
+        if e.op == "constant":
+            return repr(e.value)
+        if self.outer is not None and e.level <= self.outer.level:
+            return self.outer(e)
+        name = self.names.get(e.index)
+        if name is None:
+            if e.level <= Level.PARAMETER and self.outer is None and self.level > Level.CONSTANT:
+                slot = self.constants.slot(e)
+                name = f"c{slot}"
+                self.lines.append(f"{name} = c[{slot}]")
+            else:
+                name = f"{self.prefix}{e.index}"
+                self.lines.append(f"{name} = {_operation(e, [self(a) for a in e.args])}")
+            self.names[e.index] = name
+        return name
+
+    def inner(self, names: dict[int, str], prefix: str) -> Scope:
+        """A scope nested in this one, for expressions that change more often."""
+        return Scope(names, prefix, self.constants, self)
+
+
+_INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**", "lt": "<", "le": "<=", "gt": ">", "ge": ">="}
+
+
+def _operation(e: Expr, a: Sequence[str]) -> str:
+    if e.op in _INFIX:
+        return f"{a[0]} {_INFIX[e.op]} {a[1]}"
+    if e.op == "neg":
+        return f"-{a[0]}"
+    if e.op == "where":
+        return f"{a[1]} if {a[0]} else {a[2]}"
+    if e.op in ("min", "max"):
+        return f"{a[0]} if {a[0]} {'<' if e.op == 'min' else '>'} {a[1]} else {a[1]}"
+    return f"{e.op}({a[0]})"
+
+
+def indent(lines: Iterable[str], by: int = 1) -> list[str]:
+    """Lines shifted right."""
+    return ["    " * by + line for line in lines]
+
+
+class Generator:
+    """Writes the text of one variant of one model."""
+
+    def __init__(self, system: System, variant: Variant) -> None:
+        self.s, self.variant = system, variant
+        self.n, self.K = len(system.x), 0
+        self.layout = Layout(self.n, len(system.u), len(system.y), len(system.p), len(system.varying), variant)
+        self.K, self.nz, self.at = self.layout.K, self.layout.nz, self.layout.offsets
+        self.constants = Constants(system.p)
+        g = system.graph
+        self.P = [g.symbol(f"P{k}", Level.STATE) for k in range(self.nz - self.n)]
+
+    def text(self) -> str:
+        """The whole module."""
+        functions = [self.start(), self.predict(), *self.update()]
+        head = [f"{name} = {value}" for name, value in self.at.items()]
+        head += [
+            f"N = {self.n}", f"NZ = {self.nz}", f"K = {self.K}", f"NP = {self.layout.parameters}",
+            f"NU = {self.layout.inputs}", f"FIRST = {self.variant.hold == 'first'}", f"NY = {self.layout.outputs}", f"NC = {len(self.constants.slots)}",
+        ]  # fmt: skip
+        parts = [templates.HEADER, "\n".join(head), self.prepare()]
+        if self.variant.method == "exact":
+            parts.append(templates.discretise(tangents=self.K > 0))
+        parts += functions + [templates.loops(tangents=self.K > 0)]
+        return "\n\n".join(parts) + "\n"
+
+    # Names
+    def pk(self, i: int, j: int) -> int:
+        return packed(i, j, self.n)
+
+    def _states(self, prefix: str) -> dict[int, str]:
+        names = {x.index: f"{prefix}{i}" for i, x in enumerate(self.s.x)}
+        return names | {P.index: f"{prefix}{self.n + k}" for k, P in enumerate(self.P)}
+
+    def _inputs(self, name: str) -> dict[int, str]:
+        return {u.index: f"{name}[{i}]" for i, u in enumerate(self.s.u)}
+
+    def _scopes(self, inputs: str) -> tuple[Scope, Scope]:
+        """Scope of parameters and, nested in it, scope of inputs."""
+        top = Scope({}, "c", self.constants)
+        top.level = Level.PARAMETER
+        middle = top.inner(self._inputs(inputs), "u")
+        middle.level = Level.INPUT
+        return top, middle
+
+    # Functions
+    def prepare(self) -> str:
+        names = {p.index: f"c[{i}]" for i, p in enumerate(self.s.p)}
+        scope = Scope(names, "q", self.constants)
+        scope.level = Level.CONSTANT
+        for e in self.constants.extra:
+            scope.lines.append(f"c[{self.constants.slots[e.index]}] = {scope(e)}")
+        return "\n".join([
+            "@jit", "def prepare(p, c):",
+            "    for i in range(NP):", "        c[i] = p[i]", *indent(scope.lines),
+        ])  # fmt: skip
+
+    def start(self) -> str:
+        top, middle = self._scopes("u")
+        body = middle.inner({y.index: f"y[{j}]" for j, y in enumerate(self.s.y)}, "v")
+        tail = [f"w[X + {i}] = {body(e)}" for i, e in enumerate(self.s.x0)]
+        for i, state in enumerate(self.s.model.states):
+            tail.append(f"w[P + {self.pk(i, i)}] = {float(state.initial_sd) ** 2!r}")
+        if self.K:
+            for i, e in enumerate(self.s.x0):
+                for k, p in enumerate(self.s.p):
+                    d = self.s.graph.diff(e, p)
+                    if d is not self.s.graph.zero:
+                        tail.append(f"w[T + {i * self.K + k}] = {body(d)}")
+        lines = ["for i in range(STARTED):", "    w[i] = 0.0"]
+        lines += [*top.lines, *middle.lines, *body.lines, *tail]
+        return "\n".join(["@jit", "def start(w, c, u, y):", *indent(lines)])
+
+    def predict(self) -> str:
+        lines = self._predict_exact() if self.variant.method == "exact" else self._predict_rk4()
+        return "\n".join(["@jit", "def predict(w, c, dt, u0, u1, n):", *indent(lines)])
+
+    # Runge-Kutta of order four on state and covariance jointly
+    def _moments(self) -> list[Expr]:
+        """Right-hand sides of dx/dt = f and dP/dt = A P + P A' + Q, P packed (Andersen 2001, Eq. 2.24-2.25)."""
+        s, out = self.s, list(self.s.f)
+        for i in range(self.n):
+            for j in range(i, self.n):
+                terms = [s.A[i][k] * self.P[self.pk(k, j)] for k in range(self.n)]
+                terms += [s.A[j][k] * self.P[self.pk(k, i)] for k in range(self.n)]
+                out.append(s.graph.total([*terms, *([s.q[i]] if i == j else [])]))
+        return out
+
+    def _substeps(self, scope: Scope, dt: str = "dt") -> list[str]:
+        """Number of substeps from a bound on the Jacobian's eigenvalues: the smaller of its row and column norms."""
+        rows = [[scope(a) for a in row if a is not self.s.graph.zero] for row in self.s.A]
+        columns = [[scope(a) for a in col if a is not self.s.graph.zero] for col in zip(*self.s.A, strict=True)]
+        lines, start = list(scope.lines), ["big = 0.0"]
+        for sums in (rows, columns):
+            for entries in sums:
+                if entries:
+                    start += [f"t = {' + '.join(f'fabs({e})' for e in entries)}", "big = t if t > big else big"]
+            start += ["small = big", "big = 0.0"] if sums is rows else ["small = big if big < small else small"]
+        return [*lines, *start, f"n = substeps(small * {dt})", "if n < 0:", "    return n"]
+
+    def _predict_rk4(self) -> list[str]:
+        n, nz = self.n, self.nz
+        first = self.variant.hold == "first"
+        top, middle = self._scopes("u0")
+        choose = (top if first else middle).inner(self._states("x") | (self._inputs("u0") if first else {}), "j")
+        auto = ["if n <= 0:", *indent(self._substeps(choose))]
+        loop = self._stages_tangent(top, middle, first) if self.K else self._stages(top, middle, first)
+        load = [f"x{i} = w[{i}]" for i in range(nz)]
+        save = [f"w[{i}] = x{i}" for i in range(nz)]
+        uses = [] if first else middle.lines
+        return [*top.lines, *uses, *load, *auto, "h = dt / n", "for sub in range(n):", *indent(loop), *save, "return n"]
+
+    def _stage_inputs(self, fraction: str) -> list[str]:
+        return [f"f = (sub + {fraction}) / n"] + [
+            f"ui{i} = u0[{i}] + f * (u1[{i}] - u0[{i}])" for i in range(self.layout.inputs)
+        ]
+
+    def _stages(self, top: Scope, middle: Scope, first: bool) -> list[str]:
+        lines: list[str] = []
+        F = self._moments()
+        inputs = {u.index: f"ui{i}" for i, u in enumerate(self.s.u)}
+        names = "x"
+        for stage, (fraction, step) in enumerate((("0.0", ""), ("0.5", "0.5 * h"), ("0.5", "0.5 * h"), ("1.0", "h"))):
+            if step:
+                previous = f"k{stage}_"
+                names = f"s{stage}_"
+                lines += [f"{names}{i} = x{i} + {step} * {previous}{i}" for i in range(self.nz)]
+            if first:
+                lines += self._stage_inputs(fraction)
+            scope = (top if first else middle).inner(self._states(names) | (inputs if first else {}), f"v{stage}_")
+            values = [scope(e) for e in F]
+            lines += [*scope.lines, *(f"k{stage + 1}_{i} = {v}" for i, v in enumerate(values))]
+        lines.append("g = h / 6.0")
+        lines += [f"x{i} = x{i} + g * (k1_{i} + 2.0 * (k2_{i} + k3_{i}) + k4_{i})" for i in range(self.nz)]
+        return lines
+
+    def _stages_tangent(self, top: Scope, middle: Scope, first: bool) -> list[str]:
+        nz, K, at = self.nz, self.K, self.at
+        inputs = {u.index: f"ui{i}" for i, u in enumerate(self.s.u)}
+        scope = (top if first else middle).inner(self._states("s") | (inputs if first else {}), "v")
+        F = self._moments()
+        values = [scope(e) for e in F]
+        rows = self.tangent_rows(scope, F, [*self.s.x, *self.P], [at["TS"] + i * K for i in range(nz)], at["TK"])
+        stage = [
+            "b = h / 6.0 if stage == 0 or stage == 3 else h / 3.0",
+            "a = 0.5 * h if stage < 2 else h",
+        ]
+        if first:
+            stage += self._stage_inputs("(0.0 if stage == 0 else (1.0 if stage == 3 else 0.5))")
+        stage += scope.lines
+        stage += [f"k{i} = {v}" for i, v in enumerate(values)]
+        stage += rows
+        stage += [f"y{i} = y{i} + b * k{i}" for i in range(nz)] + [f"s{i} = x{i} + a * k{i}" for i in range(nz)]
+        stage += [
+            f"for k in range({nz * K}):",
+            f"    w[{at['TACC']} + k] += b * w[{at['TK']} + k]",
+            f"    w[{at['TS']} + k] = w[{at['T']} + k] + a * w[{at['TK']} + k]",
+        ]
+        return [
+            f"for k in range({nz * K}):",
+            f"    w[{at['TS']} + k] = w[{at['T']} + k]",
+            f"    w[{at['TACC']} + k] = w[{at['T']} + k]",
+            *(f"s{i} = x{i}" for i in range(nz)),
+            *(f"y{i} = x{i}" for i in range(nz)),
+            "for stage in range(4):",
+            *indent(stage),
+            *(f"x{i} = y{i}" for i in range(nz)),
+            f"for k in range({nz * K}):",
+            f"    w[{at['T']} + k] = w[{at['TACC']} + k]",
+        ]
+
+    def tangent_rows(self, scope: Scope, values: Sequence[Expr], by: Sequence[Expr], rows: Sequence[int], to: int,
+                     add: bool = False) -> list[str]:  # fmt: skip
+        """Rows d value = sum (d value / d by) d by + d value / d p: a vector loop each; coefficients go to the scope."""
+        g, K, lines = self.s.graph, self.K, []
+        for i, e in enumerate(values):
+            o = to + i * K
+            pairs = [(g.diff(e, b), row) for b, row in zip(by, rows, strict=True)]
+            terms = [f"{scope(d)} * w[{row} + k]" for d, row in pairs if d is not g.zero]
+            if terms:
+                lines += [f"for k in range({K}):", f"    w[{o} + k] {'+=' if add else '='} {' + '.join(terms)}"]
+            elif not add:
+                lines += [f"for k in range({K}):", f"    w[{o} + k] = 0.0"]
+            lines += self._direct(scope, e, o)
+        return lines
+
+    def _direct(self, scope: Scope, e: Expr, o: int) -> list[str]:
+        g = self.s.graph
+        pairs = [(k, g.diff(e, p)) for k, p in enumerate(self.s.p)]
+        return [f"w[{o + k}] += {scope(d)}" for k, d in pairs if d is not g.zero]
+
+    # Exact discretisation of models linear in x given u
+    def _predict_exact(self) -> list[str]:
+        n, K, at, s = self.n, self.K, self.at, self.s
+        top, middle = self._scopes("u0")
+        key = [f"w[KEY] != dt", *(f"w[KEY + {i + 1}] != u0[{v}]" for i, v in enumerate(s.varying))]
+        fresh_top, fresh = self._scopes("u0")
+        entries = [f"w[A + {i * n + j}] = {fresh(s.A[i][j])}" for i in range(n) for j in range(n)]
+        entries += [f"w[Q + {i * n + i}] = {fresh(s.q[i])}" for i in range(n)]
+        if K:
+            entries += [f"for k in range({n * n * K}):", "    w[TA + k] = 0.0", "    w[TQ + k] = 0.0"]
+            for i in range(n):
+                for j in range(n):
+                    entries += self._direct(fresh, s.A[i][j], at["TA"] + (i * n + j) * K)
+                entries += self._direct(fresh, s.q[i], at["TQ"] + (i * n + i) * K)
+        refresh = [*fresh_top.lines, *fresh.lines, *entries, "discretise(w, dt)", "w[KEY] = dt"]
+        refresh += [f"w[KEY + {i + 1}] = u0[{v}]" for i, v in enumerate(s.varying)]
+        lines = [f"if {' or '.join(key)}:", *indent(refresh)]
+        drive = self._drive(middle, "0")
+        lines += [*top.lines, *middle.lines, *drive]
+        if self.variant.hold == "first":
+            after_top, after = self._scopes("u1")
+            after.prefix = "a"
+            drive = self._drive(after, "1")
+            lines += [*after_top.lines, *after.lines, *drive]
+            lines += [f"w[C1 + {i}] = (w[C1 + {i}] - w[C0 + {i}]) / dt" for i in range(n)]
+            if K:
+                lines += [f"for k in range({n * K}):", "    w[TC1 + k] = (w[TC1 + k] - w[TC0 + k]) / dt"]
+        if K:
+            lines += ["propagate_tangents(w)"]
+        return [*lines, *self._propagate(), "return 1"]
+
+    def _drive(self, scope: Scope, which: str) -> list[str]:
+        values = [f"w[C{which} + {i}] = {scope(c)}" for i, c in enumerate(self.s.c)]
+        if not self.K:
+            return values
+        base = self.at[f"TC{which}"]
+        direct = [line for i, c in enumerate(self.s.c) for line in self._direct(scope, c, base + i * self.K)]
+        return [*values, f"for k in range({self.n * self.K}):", f"    w[{base} + k] = 0.0", *direct]
+
+    def _propagate(self) -> list[str]:
+        """x+ = Ad x + Ph c (+ Ph2 dc), P+ = Ad P Ad' + Qd, unrolled."""
+        n, r = self.n, range(self.n)
+        lines = [f"a{i}_{j} = w[AD + {i * n + j}]" for i in r for j in r]
+        lines += [f"x{i} = w[{i}]" for i in r] + [f"c_{i} = w[C0 + {i}]" for i in r]
+        for i in r:
+            total = " + ".join(f"a{i}_{j} * x{j} + w[PH + {i * n + j}] * c_{j}" for j in r)
+            if self.variant.hold == "first":
+                total += "".join(f" + w[PH2 + {i * n + j}] * w[C1 + {j}]" for j in r)
+            lines.append(f"w[X + {i}] = {total}")
+        lines += [f"p{k} = w[P + {k}]" for k in range(self.nz - n)]
+        lines += [f"m{i}_{j} = " + " + ".join(f"a{i}_{k} * p{self.pk(k, j)}" for k in r) for i in r for j in r]
+        for i in r:
+            for j in range(i, n):
+                total = " + ".join(f"m{i}_{k} * a{j}_{k}" for k in r)
+                lines.append(f"w[P + {self.pk(i, j)}] = {total} + w[QD + {i * n + j}]")
+        return lines
+
+    # Measurement update
+    def update(self) -> list[str]:
+        """Sequential scalar updates, joint linearisation at the prediction; missing outputs are skipped."""
+        s, n, q = self.s, self.n, len(self.s.y)
+        nonlinear = [any(a.level == Level.STATE for a in row) for row in s.H]
+        keep = any(nonlinear[1:])
+        head = [f"x{i} = w[{i}]" for i in range(self.nz)]
+        if keep:
+            head += [f"z{i} = x{i}" for i in range(n)]
+            if self.K:
+                head += [f"for k in range({n * self.K}):", "    w[TXP + k] = w[T + k]"]
+        top, middle = self._scopes("u")
+        marginal = middle.inner(self._states("x"), "m")
+        shown: list[str] = []
+        for j in range(q):
+            shown += [f"o[{j}] = {marginal(s.h[j])}", f"o[{q + j}] = {marginal(self._variance(s.H[j], s.r[j]))}"]
+        body = [*marginal.lines, *shown, "status = 0"]
+        parts = [self._scalar_update(j, middle, keep and nonlinear[j] and j > 0) for j in range(q)]
+        for j, part in enumerate(parts):
+            body += [f"o[{2 * q + j}] = nan", f"o[{3 * q + j}] = nan", f"if y[{j}] == y[{j}]:", *indent(part)]
+        save = [f"w[{i}] = x{i}" for i in range(self.nz)]
+        lines = [*top.lines, *head, *middle.lines, *body, *save, "return status"]
+        return ["\n".join(["@jit", "def update(w, c, u, y, o):", *indent(lines)])]
+
+    def _variance(self, H: Sequence[Expr], r: Expr) -> Expr:
+        n = self.n
+        g = self.s.graph
+        gains = [g.total(self.P[self.pk(i, k)] * H[k] for k in range(n)) for i in range(n)]
+        return g.total([*(H[i] * gains[i] for i in range(n)), r])
+
+    def _scalar_update(self, j: int, middle: Scope, from_prediction: bool) -> list[str]:
+        s, g, n, K, at = self.s, self.s.graph, self.n, self.K, self.at
+        q = len(s.y)
+        predicted = [g.symbol(f"predicted {x.value}", Level.STATE) for x in s.x]
+        H, h = s.H[j], s.h[j]
+        if from_prediction:
+            at_prediction = {x.index: z for x, z in zip(s.x, predicted, strict=True)}
+            H = [substitute(e, at_prediction) for e in H]
+            h = substitute(h, at_prediction)
+            h = g.total([h, *(H[i] * (s.x[i] - predicted[i]) for i in range(n))])
+        names = self._states("x") | {z.index: f"z{i}" for i, z in enumerate(predicted)}
+        scope = middle.inner(names, f"v{j}_")
+        gains = [g.total(self.P[self.pk(i, k)] * H[k] for k in range(n)) for i in range(n)]
+        variance = self._variance(H, s.r[j])
+        lines = [f"g{i} = {scope(e)}" for i, e in enumerate(gains)]
+        lines += [f"s = {scope(variance)}", f"e = y[{j}] - {_wrap(scope(h))}"]
+        tangent: list[str] = []
+        if K:
+            by = [*s.x, *self.P, *(predicted if from_prediction else [])]
+            rows = [at["T"] + i * K for i in range(self.nz)]
+            rows += [at["TXP"] + i * K for i in range(n)] if from_prediction else []
+            tangent += self.tangent_rows(scope, [-h], by, rows, at["DE"] + j * K)
+            tangent += self.tangent_rows(scope, [variance], by, rows, at["DS"] + j * K)
+            tangent += self.tangent_rows(scope, gains, by, rows, at["DG"])
+        lines = [*scope.lines, *lines]
+        lines += ["if not (s > 0.0 and s < inf):", "    return 7"]
+        lines += [f"o[{2 * q + j}] = e", f"o[{3 * q + j}] = s", "i = 1.0 / s", "ei = e * i", *tangent]
+        if K:
+            lines += self._update_tangents(j)
+        lines += [f"x{i} = x{i} + g{i} * ei" for i in range(n)]
+        for a in range(n):
+            lines.append(f"gi = g{a} * i")
+            lines += [f"x{n + self.pk(a, b)} = x{n + self.pk(a, b)} - gi * g{b}" for b in range(a, n)]
+        return lines
+
+    def _update_tangents(self, j: int) -> list[str]:
+        """d(x + g e/s) and d(P - g g'/s) from the rows of dg, de, ds."""
+        n, K, at, lines = self.n, self.K, self.at, []
+        de, ds = at["DE"] + j * K, at["DS"] + j * K
+        for a in range(n):
+            row, dg = at["T"] + a * K, at["DG"] + a * K
+            lines += [f"gi = g{a} * i", "gs = gi * ei", f"for k in range({K}):"]
+            lines.append(f"    w[{row} + k] += ei * w[{dg} + k] + gi * w[{de} + k] - gs * w[{ds} + k]")
+        for a in range(n):
+            for b in range(a, n):
+                row = at["T"] + (n + self.pk(a, b)) * K
+                ga, gb = at["DG"] + a * K, at["DG"] + b * K
+                lines += [f"ga = g{a} * i", f"gb = g{b} * i", "gs = ga * gb", f"for k in range({K}):"]
+                lines.append(f"    w[{row} + k] += gs * w[{ds} + k] - gb * w[{ga} + k] - ga * w[{gb} + k]")
+        return lines
+
+
+def _wrap(name: str) -> str:
+    return f"({name})" if name.startswith("-") else name
+
+
+def generate(system: System, variant: Variant) -> tuple[str, Layout]:
+    """Kernel text of one variant of a model, and its workspace layout."""
+    generator = Generator(system, variant)
+    return generator.text(), generator.layout

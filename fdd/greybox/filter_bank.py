@@ -1,0 +1,203 @@
+"""Online filters of many components of one model type, stepped in one call.
+
+All of their state is one float64 array (components, entries), so that a checkpoint is one write.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fdd.greybox import codegen
+from fdd.greybox.kernels import Kernel, kernel
+from fdd.greybox.likelihood import chain, unpack
+from fdd.models.declare import ComponentModel
+
+FloatArray = NDArray[np.float64]
+SCHEMA = 1
+STATUS = (
+    "good",
+    "not active",
+    "started",
+    "waiting for the measurements that start values need",
+    "time did not increase",
+    "input missing, last value held",
+    "restarting: a state or its covariance became infinite",
+    "restarting: an innovation variance was not positive",
+    "restarting: the gap is too long for the dynamics",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One sample of every component; shapes as in ``docs/architecture.md``.
+
+    ``innovation`` and ``variance`` are those of each output given the past; ``standardised`` are the innovations of the
+    sequential updates over their standard deviations, independent over outputs and time, each N(0, 1).
+    The first sample of a filter has no innovation (NaN), because the start values are made from it.
+    """
+
+    predicted: FloatArray
+    innovation: FloatArray
+    variance: FloatArray
+    standardised: FloatArray
+    score: FloatArray
+    information: FloatArray
+    status: NDArray[np.int64]
+
+
+class FilterBank:
+    """Extended Kalman filters of n components of one model.
+
+    Parameters
+    ----------
+    model : the component model
+    parameters : shape (n, n_p), natural scale, in the order of ``model.parameters``
+    score : also compute score and information of every sample. The score is -sum(w e / S) with w = d innovation / d theta,
+        theta on the declared transform scale; the term with the derivative of S is left out on purpose, because without
+        it the score keeps mean zero when the noise is wrong and the physics right.
+
+    Raises
+    ------
+    ValueError : wrong shape, a parameter that is not finite
+    """
+
+    def __init__(
+        self, model: ComponentModel, parameters: ArrayLike, *, score: bool = True, hold: codegen.Hold = "zero",
+        plain: bool = False,
+    ) -> None:  # fmt: skip
+        self.model = model
+        self.kernel: Kernel = kernel(model, hold=hold, tangents=score, plain=plain)
+        values = np.array(parameters, dtype=np.float64, ndmin=2)
+        self.parameters = np.empty_like(values)
+        self._c = self.kernel.constants(len(values))
+        self._state = np.zeros((len(values), self.kernel.module.PERSISTENT))
+        self._w = self.kernel.workspace()
+        self._score = score
+        self.set_parameters(np.arange(len(values)), values)
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    def set_parameters(self, which: ArrayLike, parameters: ArrayLike) -> None:
+        """Put new parameters (natural scale, (k, n_p)) under running filters; their states go on."""
+        rows = np.arange(len(self))[np.asarray(which)]
+        values = np.array(parameters, dtype=np.float64, ndmin=2)
+        names = self.model.symbols["parameters"]
+        if values.shape != (len(rows), len(names)):
+            raise ValueError(
+                f"{self.model.name}: parameters have shape {values.shape}; expected {(len(rows), len(names))}"
+            )
+        if not np.isfinite(values).all():
+            r, k = np.argwhere(~np.isfinite(values))[0]
+            raise ValueError(
+                f"{self.model.name}: parameter {names[k]} of component {rows[r]} is {values[r, k]}; give a number"
+            )
+        self.parameters[rows] = values
+        at = self.kernel.layout.offsets
+        with np.errstate(all="ignore"):
+            for row, value in zip(rows, values, strict=True):
+                self.kernel.module.prepare(value, self._c[row])
+        if "KEY" in at:
+            self._state[rows, at["KEY"]] = 0.0  # the discretisation must be made anew
+        nz, K = self.kernel.layout.nz, self.kernel.layout.K
+        for row in rows:
+            self._state[row, at["T"] : at["T"] + nz * K] = 0.0
+
+    def step(self, dt: ArrayLike, u: ArrayLike, y: ArrayLike, active: ArrayLike | None = None) -> Step:
+        """One sample of every active component.
+
+        Parameters
+        ----------
+        dt : shape (n,), time since the component's previous sample [s]; the first one is not looked at
+        u : shape (n, n_u), inputs measured now; they act until the next sample
+        y : shape (n, n_y), outputs measured now, NaN where missing
+        active : shape (n,), False leaves a component as it is
+        """
+        n, m, q = len(self), len(self.model.inputs), len(self.model.outputs)
+        dt = np.ascontiguousarray(np.broadcast_to(np.asarray(dt, dtype=np.float64), (n,)))
+        u = np.array(u, dtype=np.float64, order="C").reshape(n, m)  # a copy: held inputs are written into it
+        y = np.ascontiguousarray(y, dtype=np.float64).reshape(n, q)
+        y = np.where(np.isinf(y), np.nan, y)
+        on = np.ones(n, dtype=np.bool_) if active is None else np.ascontiguousarray(active, dtype=np.bool_)
+        n_p = self.parameters.shape[1] if self._score else 0
+        out, status = np.empty((n, 4 * q)), np.empty(n, dtype=np.int64)
+        score, info = np.empty((n, n_p)), np.empty((n, n_p, n_p))
+        with np.errstate(all="ignore"):
+            self.kernel.module.bank(dt, u, y, on, self._c, self._state, self._w, out, score, info, status)
+        if n_p:
+            scale = chain(self.model, self.parameters)
+            score *= scale
+            info *= scale[:, :, None]
+            info *= scale[:, None, :]
+        predicted = out[:, :q]
+        return Step(
+            predicted=predicted,
+            innovation=y - predicted,
+            variance=out[:, q : 2 * q],
+            standardised=out[:, 2 * q : 3 * q] / np.sqrt(out[:, 3 * q :]),
+            score=score,
+            information=info,
+            status=status,
+        )
+
+    def states(self) -> tuple[FloatArray, FloatArray]:
+        """Filtered states (n, n_x) and covariances (n, n_x, n_x) after the last step; NaN where not started."""
+        k = self.kernel.layout
+        started = self._state[:, k.offsets["STARTED"]] != 0
+        x, P = self._state[:, : k.n].copy(), unpack(self._state[:, k.n : k.nz], k.n)
+        x[~started], P[~started] = np.nan, np.nan
+        return x, P
+
+    def reset(self, which: ArrayLike | None = None) -> None:
+        """Forget the states of these components (all by default); they start anew at their next active sample."""
+        rows = slice(None) if which is None else np.asarray(which)
+        self._state[rows, self.kernel.layout.offsets["STARTED"]] = 0.0
+
+    def warm(self) -> None:
+        """Compile, or load from the cache, before the first tick."""
+        spare = FilterBank.__new__(FilterBank)
+        spare.__dict__.update(self.__dict__)
+        spare._state = self._state.copy()
+        n, m, q = len(self), len(self.model.inputs), len(self.model.outputs)
+        spare.step(np.ones(n), np.zeros((n, m)), np.zeros((n, q)), np.zeros(n, dtype=np.bool_))
+
+    def export_state(self) -> dict[str, Any]:
+        """Plain data: arrays and JSON scalars. The cached discretisation is part of it, so that a restart changes no bit."""
+        return {
+            "schema": SCHEMA,
+            "model": self.model.name,
+            "model_version": self.model.version,
+            "layout": self._layout(),
+            "parameters": self.parameters.copy(),
+            "state": self._state.copy(),
+        }
+
+    def _layout(self) -> str:
+        k = self.kernel
+        return f"{k.variant.method} {k.variant.hold} {k.layout.n} {k.layout.K} {k.layout.varying} {k.module.PERSISTENT}"
+
+    def restore_state(self, state: Mapping[str, Any]) -> None:
+        """Take up what :meth:`export_state` gave.
+
+        Raises
+        ------
+        ValueError : of another schema, model, version or shape
+        """
+        expected = {
+            "schema": SCHEMA, "model": self.model.name, "model_version": self.model.version, "layout": self._layout(),
+        }  # fmt: skip
+        for key, value in expected.items():
+            if state.get(key) != value:
+                raise ValueError(
+                    f"filter state has {key} {state.get(key)!r}, this bank {value!r}; start the filters anew instead of restoring"
+                )
+        array = np.array(state["state"], dtype=np.float64)
+        if array.shape != self._state.shape:
+            raise ValueError(f"filter state has shape {array.shape}, this bank {self._state.shape}")
+        self.set_parameters(np.arange(len(self)), state["parameters"])
+        self._state = array

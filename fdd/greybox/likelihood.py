@@ -1,0 +1,279 @@
+"""Records, and the likelihood of a model for them with exact gradient and Fisher information in one pass."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fdd.greybox import codegen
+from fdd.greybox.kernels import Kernel, kernel
+from fdd.models.declare import ComponentModel, Parameter
+
+FloatArray = NDArray[np.float64]
+FAILURES = {
+    6: "a state or its covariance is not finite",
+    7: "an innovation variance is not positive",
+    8: "the dynamics are too fast for the time step (more than 20 000 Runge-Kutta substeps)",
+}
+
+
+class DataError(ValueError):
+    """A record that cannot be used; the text names column, row, value and remedy."""
+
+
+@dataclass(frozen=True)
+class Data:
+    """One record of an experiment or of operation.
+
+    Attributes
+    ----------
+    t : shape (N,), time [s], strictly increasing, not necessarily even
+    u : shape (N, n_u), inputs in the model's order; ``u[k]`` acts on [t_k, t_k+1) (hold "zero") or is joined linearly
+    y : shape (N, n_y), outputs in the model's order, NaN where missing
+    hold : how inputs act between samples
+    x0, P0 : replace the model's start value (n_x,) and covariance (n_x, n_x) at t_0
+    name : shown in messages
+    """
+
+    t: FloatArray
+    u: FloatArray
+    y: FloatArray
+    hold: codegen.Hold = "zero"
+    x0: FloatArray | None = None
+    P0: FloatArray | None = None
+    name: str = "data"
+    dt: FloatArray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        t = np.ascontiguousarray(self.t, dtype=np.float64)
+        u = _matrix(self.u, len(t))
+        y = _matrix(self.y, len(t))
+        for key, value in (("t", t), ("u", u), ("y", y), ("dt", np.diff(t))):
+            object.__setattr__(self, key, value)
+        if t.ndim != 1 or len(t) < 2:
+            raise DataError(f"{self.name}: {t.size} samples; at least two are needed")
+        if len(u) != len(t) or len(y) != len(t):
+            raise DataError(f"{self.name}: t has {len(t)} rows, u {len(u)} and y {len(y)}; they must have the same")
+        bad = np.flatnonzero(~(self.dt > 0))
+        if bad.size:
+            k = int(bad[0]) + 1
+            raise DataError(
+                f"{self.name}: time does not increase at row {k}: {t[k]} after {t[k - 1]} "
+                f"({bad.size} such rows); sort the record and drop duplicates"
+            )
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def check(self, model: ComponentModel) -> list[str]:
+        """Refuse what no filter can use; return warnings about what makes parameters hard to find.
+
+        Raises
+        ------
+        DataError : wrong number of columns, an input missing or infinite, an output without any value, too few samples
+        """
+        for table, array in (("inputs", self.u), ("outputs", self.y)):
+            symbols = model.symbols[table]
+            if array.shape[1] != len(symbols):
+                raise DataError(
+                    f"{self.name}: {array.shape[1]} columns of {table}, but {model.name} has {len(symbols)}: {', '.join(symbols)}"
+                )
+        warnings = []
+        for j, symbol in enumerate(model.symbols["inputs"]):
+            bad = np.flatnonzero(~np.isfinite(self.u[:, j]))
+            if bad.size:
+                raise DataError(
+                    f"{self.name}: input {symbol} is missing in {bad.size} of {len(self)} rows, first in row {bad[0]}; "
+                    "fill it or cut the record there (outputs may be missing, inputs may not)"
+                )
+            if np.ptp(self.u[:, j]) == 0:
+                warnings.append(
+                    f"{self.name}: input {symbol} is constant at {self.u[0, j]:g}; "
+                    "parameters that act only through its changes cannot be found"
+                )
+        for j, symbol in enumerate(model.symbols["outputs"]):
+            if not np.isfinite(self.y[:, j]).any():
+                raise DataError(f"{self.name}: output {symbol} has no value in any of {len(self)} rows")
+            if np.isinf(self.y[:, j]).any():
+                raise DataError(
+                    f"{self.name}: output {symbol} is infinite in row {int(np.flatnonzero(np.isinf(self.y[:, j]))[0])}"
+                )
+        return warnings
+
+
+def _matrix(a: ArrayLike, rows: int) -> FloatArray:
+    out = np.asarray(a, dtype=np.float64)
+    if out.ndim == 1:
+        out = out.reshape(rows, -1) if out.size else np.zeros((rows, 0))
+    return np.ascontiguousarray(out)
+
+
+def to_scale(q: Parameter, value: float) -> float:
+    """Natural value to the scale estimation works on."""
+    if q.transform == "log":
+        return math.log(value)
+    if q.transform == "logit":
+        return math.log((value - q.lower) / (q.upper - value))
+    return value
+
+
+def from_scale(q: Parameter, theta: float) -> float:
+    """Back to the natural value."""
+    if q.transform == "log":
+        return math.exp(theta)
+    if q.transform == "logit":
+        return q.lower + (q.upper - q.lower) * 0.5 * (1 + math.tanh(theta / 2))
+    return theta
+
+
+def chain(model: ComponentModel, values: FloatArray) -> FloatArray:
+    """d natural / d scale for each parameter; ``values`` (..., n_p) natural."""
+    out = np.ones_like(values)
+    for k, q in enumerate(model.parameters):
+        v = values[..., k]
+        if q.transform == "log":
+            out[..., k] = v
+        elif q.transform == "logit":
+            out[..., k] = (v - q.lower) * (q.upper - v) / (q.upper - q.lower)
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """Negative log-likelihood with derivatives on the transform scale; ``reason`` is empty where it is finite."""
+
+    value: float
+    gradient: FloatArray
+    information: FloatArray
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class FilterPath:
+    """What a filter saw: arrays over the samples of one record.
+
+    ``predicted``, ``variance`` (N, n_y): one-step predictions of the outputs and their variances;
+    ``innovation``, ``innovation_variance``: those of the sequential updates, independent over outputs;
+    ``x``, ``P`` predicted and ``xf``, ``Pf`` filtered states (N, n) and covariances (N, n, n).
+    """
+
+    predicted: FloatArray
+    variance: FloatArray
+    innovation: FloatArray
+    innovation_variance: FloatArray
+    x: FloatArray
+    P: FloatArray
+    xf: FloatArray
+    Pf: FloatArray
+
+    @property
+    def standardised(self) -> FloatArray:
+        """Innovations over their standard deviations, (N, n_y): white with unit variance while the model holds."""
+        return np.asarray(self.innovation / np.sqrt(self.innovation_variance))
+
+
+class Likelihood:
+    """The negative log-likelihood of one model for one or several records.
+
+    NLL = 1/2 sum(log S + e^2 / S + log 2 pi) over all scalar innovations (Andersen 2001, Eq. 2.16, corrected); the first
+    sample updates the start value at t_0 and counts. Fisher information is sum(w w'/S + dS dS'/(2 S^2)).
+    """
+
+    def __init__(
+        self,
+        model: ComponentModel,
+        data: Data | list[Data] | tuple[Data, ...],
+        *,
+        method: codegen.Method | None = None,
+        substeps: int | None = None,
+        huber: float = math.inf,
+        plain: bool = False,
+    ) -> None:
+        self.model = model
+        self.records = [data] if isinstance(data, Data) else list(data)
+        self.warnings = [w for record in self.records for w in record.check(model)]
+        self.method, self.plain, self.huber = method, plain, huber
+        self._nsub = [np.full(len(d.dt), substeps or 0, dtype=np.int64) for d in self.records]
+        self._fixed_substeps = substeps is not None
+
+    def kernels(self, tangents: bool) -> list[Kernel]:
+        """The kernel of each record."""
+        return [
+            kernel(self.model, method=self.method, hold=d.hold, tangents=tangents, plain=self.plain)
+            for d in self.records
+        ]
+
+    def choose_substeps(self, values: FloatArray) -> bool:
+        """Choose Runge-Kutta substeps anew at these parameters; True where that changed any.
+
+        They stay as they are between calls, so that the likelihood is one smooth function during a search.
+        """
+        if self._fixed_substeps:
+            return False
+        before = [n.copy() for n in self._nsub]
+        for n in self._nsub:
+            n[:] = 0
+        self.value(values)
+        return any((a != b).any() for a, b in zip(before, self._nsub, strict=True))
+
+    def value(self, values: FloatArray) -> float:
+        """NLL at natural parameters (n_p,); infinite where the filter fails."""
+        return sum(self._run(i, values, False)[0] for i in range(len(self.records)))
+
+    def evaluate(self, values: FloatArray) -> Evaluation:
+        """NLL, gradient and Fisher information at natural parameters (n_p,), derivatives on the transform scale."""
+        k = len(values)
+        total, gradient, information = 0.0, np.zeros(k), np.zeros((k, k))
+        for i in range(len(self.records)):
+            value, reason, g, info, _, _ = self._run(i, values, True)
+            if reason:
+                return Evaluation(math.inf, gradient, information, reason)
+            total, gradient, information = total + value, gradient + g, information + info
+        scale = chain(self.model, values)
+        return Evaluation(total, gradient * scale, information * np.outer(scale, scale))
+
+    def paths(self, values: FloatArray) -> list[FilterPath]:
+        """What the filter saw in each record at natural parameters (n_p,)."""
+        return [self._path(i, values) for i in range(len(self.records))]
+
+    def _path(self, i: int, values: FloatArray) -> FilterPath:
+        _, reason, _, _, out, path = self._run(i, values, False, keep=True)
+        if reason:
+            raise DataError(f"{self.model.name}: {reason}")
+        n, q = len(self.model.states), len(self.model.outputs)
+        x, P, xf, Pf = np.split(path, [n, path.shape[1] // 2, path.shape[1] // 2 + n], axis=1)
+        parts = [out[:, j * q : (j + 1) * q] for j in range(4)]
+        return FilterPath(*parts, x, unpack(P, n), xf, unpack(Pf, n))
+
+    def _run(self, i: int, values: FloatArray, tangents: bool, keep: bool = False) -> tuple[Any, ...]:
+        d = self.records[i]
+        k = kernel(self.model, method=self.method, hold=d.hold, tangents=tangents, plain=self.plain)
+        n_p, q, nz = len(values), d.y.shape[1], k.layout.nz
+        grad, info = np.zeros(n_p), np.zeros((n_p, n_p))
+        out = np.empty((len(d), 4 * q))
+        path = np.empty((len(d) if keep else 0, 2 * nz))
+        x0 = np.zeros(0) if d.x0 is None else np.asarray(d.x0, dtype=np.float64)
+        P0 = np.zeros(0) if d.P0 is None else np.asarray(d.P0, dtype=np.float64)[np.triu_indices(k.layout.n)].copy()
+        with np.errstate(all="ignore"):
+            value, status, at = k.module.run(
+                d.dt, d.u, d.y, np.ascontiguousarray(values, dtype=np.float64), x0, P0,
+                k.constants(), k.workspace(), self._nsub[i], float(self.huber), out, path, grad, info,
+            )  # fmt: skip
+        reason = ""
+        if status:
+            where = f"row {at} (t = {d.t[at]:g})" if at < len(d) else "some row"
+            reason = f"{d.name}: in {where} {FAILURES[status]}"
+        return value, reason, grad, info, out, path
+
+
+def unpack(P: FloatArray, n: int) -> FloatArray:
+    """Packed upper triangles (N, n(n+1)/2) as symmetric matrices (N, n, n)."""
+    out = np.empty((len(P), n, n))
+    rows, columns = np.triu_indices(n)
+    out[:, rows, columns] = P
+    out[:, columns, rows] = P
+    return out
