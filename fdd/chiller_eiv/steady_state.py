@@ -1,0 +1,378 @@
+"""Steady-state points from raw building data, and an account of what was rejected and why.
+
+A moving window is accepted where every signal's standard deviation stays within a few sensor errors, its slope within a
+limit an hour, the machine has run for half an hour, its load is high enough, one machine is staged and the heat balance
+closes; it becomes one point (the averages) and the next window starts after it. Every raw sample ends up in a point
+or under exactly one reason.
+
+References: T.M. Rossi and J.E. Braun, HVAC&R Research 3 (1997); M. Kim et al., Int. J. Refrigeration 31 (2008);
+S. Cao and R.R. Rhinehart, J. Process Control 5 (1995).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fdd.chiller_eiv.errors import RAW_UNITS, Instrumentation, heat_balance, regressors
+from fdd.chiller_eiv.forms import BASE
+from fdd.chiller_eiv.model import ChillerError
+from fdd.records import NANOSECONDS, FloatArray, IntArray
+
+REASONS = (
+    "kept",
+    "machine off",
+    "starting or staging",
+    "missing value or gap",
+    "temperature not steady",
+    "flow, load or power not steady",
+    "temperature drifts",
+    "flow, load or power drifts",
+    "load too low",
+    "heat balance does not close",
+    "several machines staged",
+    "no complete window left",
+)
+(
+    KEPT,
+    OFF,
+    STARTING,
+    MISSING,
+    NOISY_TEMPERATURE,
+    NOISY_FLOW,
+    DRIFTING_TEMPERATURE,
+    DRIFTING_FLOW,
+    LOW_LOAD,
+    UNBALANCED,
+    STAGED,
+    INCOMPLETE,
+) = range(len(REASONS))
+
+_TEMPERATURES = ("T_cdi", "T_chi", "T_cho", "T_cdo")
+_FLOWS = ("flow_ch", "load", "power", "flow_cd")
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyLimits:
+    """What counts as steady.
+
+    Attributes
+    ----------
+    window : length of a window [s]
+    spread : largest standard deviation, in one-sample sensor errors
+    least_temperature_sd : sensor error assumed at least, for the resolution of the building's trend [K]
+    least_relative_sd : the same for flow, load and power, as a share of the reading
+    temperature_slope : [K/h]
+    relative_slope : of flow, load and power [1/h]
+    settling : time after a start or a change of stage [s]
+    least_load : part-load ratio below which points are dropped [1]; needs the rated load
+    balance : largest relative error of Q_cd = Q + E, where measured
+    gap : longest time between two samples, in sampling periods
+    """
+
+    window: float = 2700.0
+    spread: float = 3.0
+    least_temperature_sd: float = 0.05
+    least_relative_sd: float = 0.01
+    temperature_slope: float = 1.0
+    relative_slope: float = 0.03
+    settling: float = 1800.0
+    least_load: float = 0.3
+    balance: float = 0.08
+    gap: float = 2.5
+
+
+@dataclass(frozen=True)
+class SteadyPoints:
+    """Steady points of one chiller.
+
+    Attributes
+    ----------
+    time : shape (n,), end of each window [ns]
+    samples : shape (n,), readings averaged in each
+    raw : averaged readings, shape (n,) each, in the units of ``errors.RAW_UNITS``
+    standard_error : empirical standard error of those averages, shape (n,) each
+    balance : shape (n,), relative error of Q_cd = Q + E; NaN where not measured
+    """
+
+    time: IntArray
+    samples: IntArray
+    raw: Mapping[str, FloatArray]
+    standard_error: Mapping[str, FloatArray] = field(default_factory=dict)
+    balance: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def regressors(
+        self, instruments: Instrumentation, measured: tuple[str, ...] = BASE
+    ) -> tuple[FloatArray, FloatArray]:
+        """Measurements (n, m) and covariances (n, m, m) for a regression form, see :func:`errors.regressors`."""
+        return regressors(self.raw, self.samples, instruments, measured)
+
+    def select(self, which: NDArray[np.bool_] | IntArray | slice) -> SteadyPoints:
+        """Some of the points."""
+        return SteadyPoints(
+            self.time[which],
+            self.samples[which],
+            {k: v[which] for k, v in self.raw.items()},
+            {k: v[which] for k, v in self.standard_error.items()},
+            self.balance[which],
+        )
+
+    def days(self) -> IntArray:
+        """Index of each point's day (UTC), 0 for the first day: the groups of the jackknife."""
+        day = self.time // (86_400 * NANOSECONDS)
+        return np.asarray(np.unique(day, return_inverse=True)[1], dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyReport:
+    """What became of every raw sample.
+
+    Attributes
+    ----------
+    reason : shape (N,), index into ``REASONS``
+    period : sampling period found [s]
+    points : number of steady points made
+    """
+
+    reason: NDArray[np.int8]
+    period: float
+    points: int
+
+    def counts(self) -> dict[str, int]:
+        """Samples by reason, those without samples left out; they add up to the number of samples."""
+        found = np.bincount(self.reason, minlength=len(REASONS))
+        return {r: int(c) for r, c in zip(REASONS, found, strict=True) if c}
+
+
+def steady_points(
+    time: IntArray,
+    raw: Mapping[str, FloatArray],
+    instruments: Instrumentation,
+    *,
+    rated_load: float,
+    limits: SteadyLimits | None = None,
+    running: NDArray[np.bool_] | None = None,
+    others_running: NDArray[np.bool_] | None = None,
+) -> tuple[SteadyPoints, SteadyReport]:
+    """Find the steady points of one chiller in raw data.
+
+    Parameters
+    ----------
+    time : shape (N,), increasing [ns]
+    raw : readings, shape (N,) each, in the units of ``errors.RAW_UNITS``; NaN is missing
+    instruments : what is measured and how well
+    rated_load : rated capacity [W], for the part-load test
+    limits : what counts as steady
+    running : shape (N,), whether the compressor runs; taken from power above 5 % of its 95th percentile if not given
+    others_running : shape (N,), whether another machine shares the flow
+
+    Raises
+    ------
+    ChillerError : unknown or missing quantities, or times that do not increase
+    """
+    limits = limits or SteadyLimits()
+    _check(time, raw, instruments)
+    period = float(np.median(np.diff(time))) / NANOSECONDS if len(time) > 1 else limits.window
+    names = tuple(k for k in RAW_UNITS if k in raw)
+    tested = tuple(
+        k for k in (*_TEMPERATURES, *_FLOWS) if k in raw and k in (*instruments.needed(), "flow_cd", "T_cdo")
+    )
+    # The condenser side only takes part where it is measured throughout: a dead extra sensor must not cost every point.
+    tested = tuple(k for k in tested if k in instruments.needed() or np.isfinite(raw[k]).mean() > 0.9)
+    on = running if running is not None else _running(raw["power"])
+    sd_limit, slope_limit = _limits(raw, tested, instruments, limits)
+    window = max(3, round(limits.window / period))
+    reason, ends = _scan(
+        np.ascontiguousarray(time, dtype=np.int64),
+        np.stack([np.asarray(raw[k], dtype=float) for k in tested], axis=1),
+        np.array([k in _TEMPERATURES for k in tested]),
+        on,
+        np.zeros(len(time), dtype=bool) if others_running is None else others_running,
+        window,
+        sd_limit,
+        slope_limit,
+        round(limits.settling * NANOSECONDS),
+        round(limits.gap * period * NANOSECONDS),
+    )
+    points = _average(time, raw, names, ends, window)
+    keep, why = _accept(points, instruments, rated_load, limits)
+    for end, code in zip(ends[~keep], why[~keep], strict=True):
+        reason[end - window + 1 : end + 1] = code
+    return points.select(keep), SteadyReport(reason, period, int(keep.sum()))
+
+
+def _check(time: IntArray, raw: Mapping[str, FloatArray], instruments: Instrumentation) -> None:
+    unknown = [k for k in raw if k not in RAW_UNITS]
+    if unknown:
+        raise ChillerError(f"unknown chiller quantities {', '.join(unknown)}; known: {', '.join(RAW_UNITS)}")
+    missing = [k for k in instruments.needed() if k not in raw]
+    if missing:
+        raise ChillerError(
+            f"the data lack {', '.join(missing)}, needed with load_from={instruments.load_from!r} and "
+            f"chilled_water={instruments.chilled_water!r}"
+        )
+    back = np.flatnonzero(np.diff(time) <= 0)
+    if len(back):
+        raise ChillerError(f"times must increase; sample {back[0] + 1} does not: sort the data and drop duplicates")
+
+
+def _running(power: FloatArray) -> NDArray[np.bool_]:
+    finite = power[np.isfinite(power)]
+    if not len(finite):
+        return np.zeros(len(power), dtype=bool)
+    return np.asarray(~(power <= 0.05 * np.percentile(finite, 95)))
+
+
+def _limits(
+    raw: Mapping[str, FloatArray], tested: tuple[str, ...], instruments: Instrumentation, limits: SteadyLimits
+) -> tuple[FloatArray, FloatArray]:
+    """Absolute limits for temperatures, relative ones for the rest."""
+    sd, slope = np.empty(len(tested)), np.empty(len(tested))
+    for i, k in enumerate(tested):
+        if k in _TEMPERATURES:
+            sd[i] = limits.spread * max(instruments.sd_of(k, 0.0), limits.least_temperature_sd)
+            slope[i] = limits.temperature_slope
+        else:
+            values = np.abs(raw[k][np.isfinite(raw[k])])
+            typical = float(np.percentile(values, 75)) if len(values) else 1.0
+            share = instruments.sd_of(k, typical) / typical if typical > 0 else 0.0
+            sd[i] = limits.spread * max(share, limits.least_relative_sd)
+            slope[i] = limits.relative_slope
+    return sd, slope
+
+
+@njit(cache=True)
+def _window_test(
+    time: IntArray, values: FloatArray, temperature: NDArray[np.bool_], sd_limit: FloatArray, slope_limit: FloatArray
+) -> int:
+    """Reason why one window of values (w, s) is not steady, or KEPT."""
+    w, s = values.shape
+    centre = 0.0
+    for i in range(w):
+        centre += (time[i] - time[0]) / 3.6e12
+    centre /= w
+    spread = 0.0
+    for i in range(w):
+        spread += ((time[i] - time[0]) / 3.6e12 - centre) ** 2
+    worst: int = 0
+    for j in range(s):
+        mean = 0.0
+        for i in range(w):
+            mean += values[i, j]
+        mean /= w
+        if not np.isfinite(mean):
+            return 3
+        square = 0.0
+        cross = 0.0
+        for i in range(w):
+            d = values[i, j] - mean
+            square += d * d
+            cross += d * ((time[i] - time[0]) / 3.6e12 - centre)
+        sd = np.sqrt(square / (w - 1))
+        slope = abs(cross / spread)
+        # A slope is only called a drift where it stands out of the noise it is computed from.
+        noise = sd / np.sqrt(spread)
+        size = 1.0 if temperature[j] else max(abs(mean), 1e-9)
+        code = 0
+        if sd > sd_limit[j] * size:
+            code = 4 if temperature[j] else 5
+        elif slope > slope_limit[j] * size and slope > 2.0 * noise:
+            code = 6 if temperature[j] else 7
+        if code and (worst == 0 or code < worst):
+            worst = code
+    return worst
+
+
+@njit(cache=True)
+def _scan(
+    time: IntArray,
+    values: FloatArray,
+    temperature: NDArray[np.bool_],
+    on: NDArray[np.bool_],
+    others: NDArray[np.bool_],
+    window: int,
+    sd_limit: FloatArray,
+    slope_limit: FloatArray,
+    settling: int,
+    gap: int,
+) -> tuple[NDArray[np.int8], IntArray]:
+    n = len(time)
+    reason = np.full(n, 11, dtype=np.int8)
+    ends = np.empty(n // window + 1, dtype=np.int64)
+    found = 0
+    start = -1  # first sample of the current uninterrupted run that may serve
+    began = -1  # when the machine last started or changed stage
+    for i in range(n):
+        broken = i > 0 and time[i] - time[i - 1] > gap
+        if not on[i]:
+            reason[i] = 1
+            start = -1
+            began = -1
+            continue
+        if began < 0 or (i > 0 and others[i] != others[i - 1]):
+            began = time[i]
+            start = -1
+        if others[i]:
+            reason[i] = 10
+            start = -1
+            continue
+        if i > 0 and time[i] - began < settling:
+            reason[i] = 2
+            start = -1
+            continue
+        missing = False
+        for j in range(values.shape[1]):
+            if not np.isfinite(values[i, j]):
+                missing = True
+        if missing:
+            reason[i] = 3
+            start = -1
+            continue
+        if start < 0 or broken:
+            start = i
+        if i - start + 1 < window:
+            continue
+        first = i - window + 1
+        code = _window_test(time[first : i + 1], values[first : i + 1], temperature, sd_limit, slope_limit)
+        if code == 0:
+            reason[first : i + 1] = 0
+            ends[found] = i
+            found += 1
+            start = i + 1
+        else:
+            # The oldest sample leaves the window unused; this is why.
+            reason[first] = code
+    return reason, ends[:found]
+
+
+def _average(
+    time: IntArray, raw: Mapping[str, FloatArray], names: tuple[str, ...], ends: IntArray, window: int
+) -> SteadyPoints:
+    index = ends[:, None] + np.arange(1 - window, 1)[None]
+    mean: dict[str, FloatArray] = {}
+    error: dict[str, FloatArray] = {}
+    for k in names:
+        block = np.asarray(raw[k], dtype=float)[index]
+        mean[k] = block.mean(axis=1)
+        error[k] = block.std(axis=1, ddof=1) / np.sqrt(window)
+    return SteadyPoints(time[ends], np.full(len(ends), window), mean, error, np.full(len(ends), np.nan))
+
+
+def _accept(
+    points: SteadyPoints, instruments: Instrumentation, rated_load: float, limits: SteadyLimits
+) -> tuple[NDArray[np.bool_], IntArray]:
+    """Tests that need the averages: part load and heat balance; fills in the balance."""
+    x, _ = points.regressors(instruments)
+    load, electric = x[:, 2], x[:, 3]
+    points.balance[:] = heat_balance(points.raw, load, electric, instruments.heat_capacity)
+    why = np.zeros(len(points), dtype=np.int64)
+    why[np.abs(points.balance) > limits.balance] = UNBALANCED
+    why[(load < limits.least_load * rated_load) | (electric <= 0)] = LOW_LOAD
+    return why == KEPT, why
