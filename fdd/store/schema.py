@@ -1,14 +1,16 @@
 """What a store keeps: measurements with their fields, kinds of documents, and the limits on names.
 
 A *measurement* is a table of time series. Its rows are keyed by (series, event time); every field is a double, a field
-that was not given or is NaN is missing. A *document* is a JSON object keyed by (kind, key). The same schema holds for
-every store; ``docs/schema.md`` is the page for readers.
+that was not given, is NaN or is infinite is missing. A *document* is a JSON object keyed by (kind, key). The same
+schema holds for every store; ``docs/schema.md`` is the page for readers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,7 @@ from fdd.records import IntArray, Rows
 
 SCHEMA_VERSION = 1
 MAX_NAME = 200
+NO_COMPONENT = "-"
 MAX_SERIES = 100_000
 
 # Codes that fields hold in place of words.
@@ -167,11 +170,17 @@ def check_name(name: str, what: str) -> str:
     """Refuse a series name or document key that some store could not keep exactly."""
     if not name or len(name) > MAX_NAME:
         raise SchemaError(f"{what} {name[:40]!r} has {len(name)} characters; give it 1 to {MAX_NAME}")
-    if name != name.strip() or not name.isprintable() or name.endswith("\\"):
-        raise SchemaError(
-            f"{what} {name!r} has a control character, a space at an end or a trailing backslash; rename it"
-        )
+    if name != name.strip() or not name.isprintable() or "\\" in name:
+        raise SchemaError(f"{what} {name!r} has a control character, a backslash or a space at an end; rename it")
+    if name.startswith(f"{NO_COMPONENT}/"):
+        raise SchemaError(f"{what} {name!r}: the component {NO_COMPONENT!r} stands for none; rename it")
     return name
+
+
+@lru_cache(maxsize=256)  # the same few tuples of names come again with every batch
+def _check_series(names: tuple[str, ...]) -> None:
+    for name in names:
+        check_name(name, "series")
 
 
 def measurement_of(name: str) -> Measurement:
@@ -203,6 +212,12 @@ class CheckedRows:
         return len(self.time)
 
 
+def _finite(values: NDArray[Any]) -> NDArray[np.float64]:
+    """As doubles, with NaN for what no server keeps."""
+    column = np.asarray(values, dtype=np.float64)
+    return np.where(np.isfinite(column), column, np.nan)
+
+
 def check_rows(rows: Rows) -> CheckedRows:
     """Columns as every store wants them: known fields, doubles, used names only, rows without any value left out.
 
@@ -217,7 +232,7 @@ def check_rows(rows: Rows) -> CheckedRows:
         raise SchemaError(
             f"{measurement.name}: no field {', '.join(sorted(unknown))}; it has {', '.join(measurement.field_names)}"
         )
-    columns = {k: np.asarray(v, dtype=np.float64) for k, v in rows.fields.items()}
+    columns = {k: _finite(v) for k, v in rows.fields.items()}
     index = np.asarray(rows.series, dtype=np.int64)
     shapes = {"series": index.shape} | {name: column.shape for name, column in columns.items()}
     for name, shape in shapes.items():
@@ -228,7 +243,8 @@ def check_rows(rows: Rows) -> CheckedRows:
             f"{measurement.name}: series index {index.min()}..{index.max()} outside the {len(rows.names)} names"
         )
     used, position = np.unique(index, return_inverse=True)
-    names = tuple(check_name(rows.names[i], f"{measurement.name}: series") for i in used)
+    _check_series(rows.names)
+    names = rows.names if len(used) == len(rows.names) else tuple(rows.names[i] for i in used)
     time = np.asarray(rows.time, dtype=np.int64)
     order = np.lexsort((time, position))
     if columns:
@@ -247,11 +263,11 @@ def as_sequence(rows: Rows | Sequence[Rows]) -> Sequence[Rows]:
 
 
 def split_series(series: str) -> tuple[str, str]:
-    """(component, name) of a series; a point without a slash has no component."""
+    """(component, name) of a series; one without a slash has none, written ``-``."""
     component, slash, name = series.partition("/")
-    return (component, name) if slash and component and name else ("", series)
+    return (component, name) if slash and component and name else (NO_COMPONENT, series)
 
 
 def join_series(component: str, name: str) -> str:
     """The series of a component and a name; inverse of :func:`split_series`."""
-    return f"{component}/{name}" if component else name
+    return name if component == NO_COMPONENT else f"{component}/{name}"

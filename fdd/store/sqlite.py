@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from fdd.records import JsonObject, Rows
+from fdd.records import IntArray, JsonObject, Rows
 from fdd.store.encoding import decode, encode
 from fdd.store.schema import (
     MAX_SERIES,
@@ -48,7 +48,7 @@ class SqliteStore:
         self.path = Path(path)
         self.read_only = read_only
         self.max_series = max_series
-        self._ids: dict[tuple[str, str], int] = {}
+        self._ids: dict[tuple[str, tuple[str, ...]], IntArray] = {}
         self._lock = threading.RLock()
         self._depth = 0
         self._readers = threading.local()
@@ -184,7 +184,7 @@ class SqliteStore:
 
     def _write(self, rows: CheckedRows) -> None:
         name = rows.measurement.name
-        ids = np.array([self._id(name, s) for s in rows.names], dtype=np.int64)
+        ids = self._numbers(name, rows.names)
         columns = list(rows.fields)
         places = ", ".join("?" * (2 + len(columns)))
         names = _quoted(columns)
@@ -197,22 +197,25 @@ class SqliteStore:
             ),
         )
 
-    def _id(self, measurement: str, name: str) -> int:
-        key = (measurement, name)
-        if key in self._ids:
-            return self._ids[key]
-        found = self._writer.execute("SELECT id FROM series WHERE measurement = ? AND name = ?", key).fetchone()
-        if found is None:
-            count = self._writer.execute("SELECT count(*) FROM series WHERE measurement = ?", (measurement,)).fetchone()
-            if count[0] >= self.max_series:
-                raise StoreError(
-                    f"{self.path}: {measurement} already has {count[0]} series, the bound is {self.max_series}; "
-                    f"series {name!r} looks like a name that changes with time"
-                )
-            cursor = self._writer.execute("INSERT INTO series (measurement, name) VALUES (?, ?)", key)
-            found = (cursor.lastrowid,)
-        self._ids[key] = int(found[0])
-        return self._ids[key]
+    def _numbers(self, measurement: str, names: tuple[str, ...]) -> IntArray:
+        """Numbers of the series; those that are new are entered."""
+        if (measurement, names) in self._ids:
+            return self._ids[measurement, names]
+        known = self._series(self._writer, measurement)
+        new = [name for name in names if name not in known]
+        if new and len(known) + len(new) > self.max_series:
+            raise StoreError(
+                f"{self.path}: {measurement} has {len(known)} series and would get {len(new)} more, the bound is "
+                f"{self.max_series}; series {new[0]!r} looks like a name that changes with time"
+            )
+        self._writer.executemany(
+            "INSERT INTO series (measurement, name) VALUES (?, ?)", [(measurement, name) for name in new]
+        )
+        known = self._series(self._writer, measurement) if new else known
+        if len(self._ids) > 1000:
+            self._ids.clear()
+        self._ids[measurement, names] = np.array([known[name] for name in names], dtype=np.int64)
+        return self._ids[measurement, names]
 
     def read(
         self, measurement: str, series: Sequence[str] | None = None, start: int | None = None, end: int | None = None
@@ -261,11 +264,15 @@ class SqliteStore:
             ).fetchone()
         return None if found is None else decode(found[0])
 
+    def items(self, kind: str) -> dict[str, JsonObject]:
+        """All documents of a kind by key, ordered by key."""
+        query = "SELECT key, body FROM documents WHERE kind = ? ORDER BY key"
+        with self._snapshot() as link:
+            return {key: decode(body) for key, body in link.execute(query, (check_kind(kind),))}
+
     def list(self, kind: str) -> list[JsonObject]:
         """All documents of a kind, ordered by key."""
-        with self._snapshot() as link:
-            found = link.execute("SELECT body FROM documents WHERE kind = ? ORDER BY key", (check_kind(kind),))
-            return [decode(body) for (body,) in found]
+        return [*self.items(kind).values()]
 
     def close(self) -> None:
         """Close every connection."""

@@ -30,7 +30,7 @@ class Store(Protocol):
     """Where outputs and documents are kept. Every method may raise :class:`StoreError`."""
 
     def write(self, rows: Rows | Sequence[Rows]) -> None:
-        """Upsert rows on (measurement, series, time); a field that is NaN leaves what stood there."""
+        """Upsert rows on (measurement, series, time); a field that is not finite leaves what stood there."""
 
     def read(
         self, measurement: str, series: Sequence[str] | None = None, start: int | None = None, end: int | None = None
@@ -49,6 +49,9 @@ class Store(Protocol):
     def get(self, kind: str, key: str) -> JsonObject | None:
         """The document, or None."""
 
+    def items(self, kind: str) -> dict[str, JsonObject]:
+        """All documents of a kind by key, ordered by key."""
+
     def list(self, kind: str) -> list[JsonObject]:
         """All documents of a kind, ordered by key."""
 
@@ -56,7 +59,8 @@ class Store(Protocol):
         """Everything written inside becomes visible and durable at once, or, on an exception, not at all.
 
         A store without transactions holds the writes back to the end and sends rows before documents, so that a
-        checkpoint never runs ahead of the outputs it stands for.
+        checkpoint never runs ahead of the outputs it stands for. Whether a read inside sees what was written inside
+        is left open.
         """
 
     def close(self) -> None:
@@ -121,4 +125,16 @@ def open_store(config: StoreConfig | Mapping[str, Any], *, read_only: bool = Fal
         if config.path is None:
             raise StoreError("store: kind 'sqlite' needs 'path', the database file")
         return SqliteStore(config.path, read_only=read_only)
+    if config.kind == "influx":
+        from fdd.store.influx import InfluxStore
+        from fdd.store.spool import SpooledStore
+
+        inner = InfluxStore(config)
+        if read_only:
+            return inner
+        if config.path is None:
+            raise StoreError(
+                "store: kind 'influx' needs 'path', the folder where outputs wait while the server is away"
+            )
+        return SpooledStore(inner, config.path, config.spool_max_bytes)
     raise StoreError(f"store: kind {config.kind!r} is not known; there are sqlite, influx")

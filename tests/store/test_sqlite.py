@@ -160,7 +160,7 @@ def test_another_schema_version_is_refused_with_both_numbers(path: Path) -> None
 def test_more_series_than_the_bound_are_refused(path: Path) -> None:
     store = SqliteStore(path, max_series=3)
     store.write(rows(series=("a", "b", "c")))
-    with pytest.raises(StoreError, match=r"already has 3 series.*'d'"):
+    with pytest.raises(StoreError, match=r"has 3 series and would get 1 more.*'d'"):
         store.write(rows(series=("d",)))
     store.write(rows(series=("a",), n=5))
 
