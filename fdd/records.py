@@ -89,6 +89,17 @@ class Batch:
             quality=self.quality[start:stop],
         )
 
+    def between(self, start: int | None, end: int | None) -> Batch:
+        """The samples with event time in [start, end)."""
+        keep = np.ones(len(self), dtype=np.bool_)
+        if start is not None:
+            keep &= self.time >= start
+        if end is not None:
+            keep &= self.time < end
+        return replace(
+            self, point=self.point[keep], time=self.time[keep], value=self.value[keep], quality=self.quality[keep]
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Rows:

@@ -17,8 +17,8 @@ from fdd.records import Batch, JsonObject
 from fdd.service.alarms import AlarmError, Command, alarm_to_document
 from fdd.service.checkpoint import Checkpoint
 from fdd.service.engine import Engine, Outputs
+from fdd.service.feed import Feed
 from fdd.store.store import Store
-from ingest.source import Source
 
 log = structlog.get_logger()
 
@@ -73,9 +73,9 @@ class Daemon:
             log.info("recovered", journal_entries=replayed, position=self._position)
         return self._position
 
-    def run(self, source: Source) -> None:
-        """Take batches until the source ends; open frames are closed then."""
-        for batch in source.batches():
+    def run(self, feed: Feed) -> None:
+        """Take batches until the sources end or are stopped."""
+        for batch in feed.batches():
             if len(batch) or batch.position != self._position:
                 self._checkpoint.journal(batch)
                 self._take(batch)

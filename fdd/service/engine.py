@@ -51,6 +51,11 @@ class Engine:
         self._time: int | None = None
 
     @property
+    def watched(self) -> list[Component]:
+        """Components that have a baseline, in the engine's order."""
+        return [c for g in self._groups for c in g.components]
+
+    @property
     def counts(self) -> dict[str, int]:
         """What became of the samples, and how often filters were started afresh, by reason."""
         restarts: dict[str, int] = {}

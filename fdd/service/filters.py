@@ -21,11 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.greybox.filter_bank import STATUS, FilterBank
-from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
+from fdd.records import NANOSECONDS, Baseline, FloatArray, IntArray, JsonObject
 from fdd.service.plan import Component
 
 NEVER = np.iinfo(np.int64).min
 BoolArray = NDArray[np.bool_]
+# From this status on the bank has given a component up and will start it afresh.
+BROKEN = STATUS.index("restarting: a state or its covariance became infinite")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,18 +94,19 @@ class FilterGroup:
         running = has_inputs & on & (~starting | np.isfinite(y).all(axis=1))
         self._quiet = np.where(starting & running, time + self._start_up, self._quiet)
         dt = np.where(starting, 0.0, (time - np.where(starting, time, self._last)) / NANOSECONDS)
-        step = self._bank.step(dt, u, y, running)
-        self._last = np.where(running, time, self._last)
-        self._note(time, step.status, running)
-        charted = running & (time >= self._quiet) & (step.status == 0)
-        sd = np.sqrt(step.variance)
-        z = (step.innovation / sd - self._mean) / self._sd
+        with np.errstate(all="ignore"):  # absurd values of one component overflow there and end in its status
+            step = self._bank.step(dt, u, y, running)
+        broken = running & (step.status >= BROKEN)
+        self._last = np.where(running & ~broken, time, np.where(broken, NEVER, self._last))
+        self._count(step.status[broken])
+        charted = running & ~broken & (time >= self._quiet)
+        z = (step.standardised - self._mean) / self._sd
         return GroupStep(
             predicted=step.predicted,
-            sd=sd,
+            sd=np.sqrt(step.variance),
             standardised=np.where(charted[:, None], z, np.nan),
             measured=y,
-            running=running,
+            running=running & ~broken,
             charted=charted,
             score=step.score,
             information=step.information,
@@ -123,12 +126,9 @@ class FilterGroup:
             self._bank.reset(which)
             self._last[which] = NEVER
 
-    def _note(self, time: int, status: NDArray[np.uint8], running: BoolArray) -> None:
-        broken = running & (status != 0)
-        for i in np.flatnonzero(broken):
-            reason = STATUS[int(status[i])]
-            self.restarts[reason] = self.restarts.get(reason, 0) + 1
-        self._last = np.where(broken, NEVER, self._last)
+    def _count(self, status: IntArray) -> None:
+        for code in status.tolist():
+            self.restarts[STATUS[code]] = self.restarts.get(STATUS[code], 0) + 1
 
     def export_state(self) -> JsonObject:
         """The filters and what is remembered around them, as plain data."""

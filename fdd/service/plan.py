@@ -6,12 +6,14 @@ Everything that can be wrong in a site is found here, before the first sample.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fdd.models.declare import ComponentModel
-from fdd.records import FloatArray
+from fdd.config import Equipment, Site, component_model
+from fdd.expressions import Expression
+from fdd.models.declare import ComponentModel, Parameter
+from fdd.records import NANOSECONDS, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +55,6 @@ class Plan:
     points: tuple[str, ...]
     derived: tuple[Derived, ...]
     components: tuple[Component, ...]
-    meanings: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -66,3 +67,62 @@ class Plan:
         for derived in self.derived:
             table[derived.name] = np.broadcast_to(derived.compute(table), len(values))
         return np.column_stack([table[name] for name in self.columns])
+
+
+def plan_of(site: Site) -> Plan:
+    """Resolve a checked site; gates become derived columns of 1 and 0."""
+    derived = [Derived(name, expression) for name, expression in site.derived.items()]
+    components = []
+    for name, equipment in site.equipment.items():
+        model = _bounded(component_model(equipment), equipment)
+        gate = site.gate(name)
+        when = None
+        if gate is not None:
+            when = f"{name}/when"
+            derived.append(Derived(when, _as_number(gate)))
+        components.append(
+            Component(
+                name=name,
+                model=model,
+                inputs=tuple(equipment.inputs[q.symbol] for q in model.inputs),
+                outputs=tuple(equipment.outputs[q.symbol] for q in model.outputs),
+                when=when,
+                start_up=_nanoseconds(equipment.start_up),
+                weight=equipment.weight,
+            )
+        )
+    return Plan(
+        site=site.name,
+        step=_nanoseconds(site.step),
+        lateness=_nanoseconds(site.lateness),
+        max_gap=_nanoseconds(site.max_gap),
+        max_jump=_nanoseconds(site.max_jump),
+        hold=_nanoseconds(site.hold),
+        false_alarms_per_year=site.false_alarms_per_year,
+        points=tuple(site.measured),
+        derived=tuple(derived),
+        components=tuple(components),
+    )
+
+
+def _nanoseconds(seconds: float) -> int:
+    return round(seconds * NANOSECONDS)
+
+
+def _as_number(gate: Expression) -> Callable[[Mapping[str, FloatArray]], FloatArray]:
+    return lambda columns: gate.gate(columns).astype(np.float64)
+
+
+def _bounded(model: ComponentModel, equipment: Equipment) -> ComponentModel:
+    """The model with the site's starting values and bounds in place of its own."""
+
+    def given(p: Parameter) -> Parameter:
+        spec = equipment.parameters.get(p.symbol)
+        if spec is None:
+            return p
+        lower = p.lower if spec.lower is None else spec.lower
+        upper = p.upper if spec.upper is None else spec.upper
+        typical = min(max(p.typical, lower), upper) if spec.initial is None else spec.initial
+        return replace(p, typical=typical, lower=lower, upper=upper)
+
+    return replace(model, parameters=tuple(given(p) for p in model.parameters))

@@ -1,0 +1,265 @@
+"""The command ``fdd``: every verb, what it prints, and how it fails."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from fdd import __version__
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Fault detection and diagnosis for installed HVAC plant.",
+)
+screen = Console(stderr=True)
+out = Console()
+
+SiteFile = Annotated[Path, typer.Argument(help="Site file (YAML).", show_default=False)]
+DataFile = Annotated[Path | None, typer.Argument(help="CSV or Parquet file; default: the site's own sources.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object, for machines.")]
+Since = Annotated[
+    str | None, typer.Option("--from", help="Leave out what is before this time (ISO 8601, site's zone).")
+]
+Until = Annotated[str | None, typer.Option("--until", help="Leave out what is at or after this time.")]
+
+
+def example(*lines: str) -> str:
+    """The example every verb's help ends with."""
+    return "[bold]Example[/bold]\n\n" + "\n\n".join(f"$ {line}" for line in lines)
+
+
+def _print_json(value: Any) -> None:
+    print(json.dumps(value, default=str))
+
+
+@app.command(epilog=example("fdd demo", "fdd demo --fault none --seed 3 --json"))
+def demo(
+    fault: Annotated[str, typer.Option(help="fouling, air, sludge, bias or none.")] = "fouling",
+    seed: Annotated[int, typer.Option(help="Seed of weather, noise and faults.")] = 1,
+    weeks: Annotated[int, typer.Option(help="Weeks of plant time that are watched, after three of learning.")] = 4,
+    folder: Annotated[Path, typer.Option(help="Where the site file, the store and the report go.")] = Path("var/demo"),
+    as_json: AsJson = False,
+) -> None:
+    """Simulate a plant with a fault, stream it over Zenoh into the daemon, raise the alarm, write the report."""
+    from fdd.service.demo import run_demo
+
+    result = run_demo(fault=fault, seed=seed, weeks=weeks, folder=folder, console=screen)
+    if as_json:
+        _print_json(result.document())
+        return
+    out.print(result.story(), soft_wrap=True)
+
+
+@app.command(epilog=example("fdd check plant.yaml", "fdd check plant.yaml history.csv"))
+def check(site_file: SiteFile, data: DataFile = None, as_json: AsJson = False) -> None:
+    """Check a site file, and the quality of data where a file is given, without network."""
+    from fdd.service.check import check_all
+
+    result = check_all(site_file, data)
+    if as_json:
+        _print_json(result.document())
+    else:
+        result.print(out)
+    raise typer.Exit(1 if result.errors else 0)
+
+
+@app.command(epilog=example("fdd fit plant.yaml history.csv --until 2026-03-01"))
+def fit(
+    site_file: SiteFile,
+    data: DataFile = None,
+    since: Since = None,
+    until: Until = None,
+    only: Annotated[list[str] | None, typer.Option(help="Fit this equipment only; may be repeated.")] = None,
+    html: Annotated[Path | None, typer.Option(help="Write the validation report here.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fit baselines by maximum likelihood to a healthy history, and put them in force."""
+    from fdd.service.fitting import fit_site
+
+    fitted = fit_site(site_file, data, since=since, until=until, only=only, html=html, console=screen)
+    if as_json:
+        _print_json(
+            {"baselines": [asdict(f.baseline) for f in fitted], "warnings": [w for f in fitted for w in f.warnings]}
+        )
+        return
+    for item in fitted:
+        out.print(item.summary(), highlight=False)
+    if html:
+        screen.print(f"validation report: {html}")
+
+
+@app.command(epilog=example("fdd replay plant.yaml history.csv --from 2026-03-01", "fdd replay plant.yaml --json"))
+def replay(
+    site_file: SiteFile,
+    data: DataFile = None,
+    since: Since = None,
+    until: Until = None,
+    verdicts: Annotated[Path | None, typer.Option(help="Write every verdict here, a JSON line each.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run the engine over history, exactly as the daemon would have; print the alarms."""
+    from fdd.service.replay import replay_site
+
+    result = replay_site(site_file, data, since=since, until=until, verdicts=verdicts, console=screen)
+    if as_json:
+        _print_json(result.document())
+    else:
+        result.print(out)
+
+
+@app.command(epilog=example("fdd run plant.yaml"))
+def run(
+    site_file: SiteFile,
+    until_end: Annotated[bool, typer.Option(help="Stop when the sources say that their stream has ended.")] = False,
+    fresh: Annotated[bool, typer.Option(help="Forget the saved state and start afresh.")] = False,
+) -> None:
+    """Run the daemon: take samples from the site's sources until told to stop (Ctrl-C, SIGTERM)."""
+    from fdd.service.run import run_site
+
+    run_site(site_file, until_end=until_end, fresh=fresh)
+
+
+alarms = typer.Typer(no_args_is_help=False, help="List alarms, and say what was done about them.")
+app.add_typer(alarms, name="alarms", epilog=example("fdd alarms list plant.yaml", "fdd alarms ack plant.yaml KEY"))
+
+Key = Annotated[str, typer.Argument(help="Key of the alarm, as `fdd alarms list` prints it.")]
+Comment = Annotated[str, typer.Option(help="What was seen or done.")]
+By = Annotated[str, typer.Option(help="Who says so.")]
+USER = os.environ.get("USER", "operator")
+
+
+@alarms.command("list", epilog=example("fdd alarms list plant.yaml", "fdd alarms list plant.yaml --all --json"))
+def alarms_list(
+    site_file: SiteFile,
+    every: Annotated[bool, typer.Option("--all", help="Cleared alarms too.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """List open alarms, newest last."""
+    from fdd.service.operate import read_alarms
+
+    found = read_alarms(site_file, every=every)
+    if as_json:
+        _print_json({"alarms": found})
+        return
+    if not found:
+        out.print("No open alarms.")
+    table = Table("key", "state", "since", "severity", "what", box=None)
+    for a in found:
+        table.add_row(a["key"], a["state"], a["since_local"], a["severity"], a["summary"])
+    if found:
+        out.print(table)
+
+
+@alarms.command("ack", epilog=example('fdd alarms ack plant.yaml hx@2026-03-01T10:00:00Z --comment "on my way"'))
+def alarms_ack(site_file: SiteFile, key: Key, comment: Comment = "", by: By = USER) -> None:
+    """Acknowledge an alarm: somebody has seen it."""
+    from fdd.service.operate import command
+
+    out.print(command(site_file, key, "acknowledge", by, comment))
+
+
+@alarms.command("shelve", epilog=example("fdd alarms shelve plant.yaml hx@2026-03-01T10:00:00Z --for '3 d'"))
+def alarms_shelve(
+    site_file: SiteFile,
+    key: Key,
+    span: Annotated[str, typer.Option("--for", help="How long, such as '3 d' or '8 h'.")],
+    comment: Comment = "",
+    by: By = USER,
+) -> None:
+    """Hide an alarm for a time that has an end."""
+    from fdd.service.operate import command
+
+    out.print(command(site_file, key, "shelve", by, comment, span=span))
+
+
+@alarms.command(
+    "clear", epilog=example('fdd alarms clear plant.yaml hx@2026-03-01T10:00:00Z --comment "plates cleaned"')
+)
+def alarms_clear(site_file: SiteFile, key: Key, comment: Comment = "", by: By = USER) -> None:
+    """Close an alarm; its charts start again, so a fault that is still there rings again."""
+    from fdd.service.operate import command
+
+    out.print(command(site_file, key, "clear", by, comment))
+
+
+@app.command(epilog=example("fdd report plant.yaml --out report.html", "fdd report plant.yaml --pdf report.pdf"))
+def report(
+    site_file: SiteFile,
+    out_file: Annotated[Path, typer.Option("--out", help="Where the HTML goes.")] = Path("report.html"),
+    pdf: Annotated[Path | None, typer.Option(help="Where a PDF goes.")] = None,
+    findings: Annotated[Path | None, typer.Option(help="Findings as .json or .csv.")] = None,
+    since: Since = None,
+    until: Until = None,
+) -> None:
+    """Write the technician's report from what the store holds."""
+    from fdd.service.reporting import report_site
+
+    written = report_site(site_file, out_file, pdf=pdf, findings=findings, since=since, until=until)
+    for path in written:
+        out.print(str(path), soft_wrap=True)
+
+
+@app.command(epilog=example("fdd models", "fdd models radiator"))
+def models(
+    name: Annotated[str | None, typer.Argument(help="One model: its equations' quantities and parameters.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the component models, or show one."""
+    from fdd.service.catalogue import catalogue, describe
+
+    if name is None:
+        rows = catalogue()
+        if as_json:
+            _print_json({"models": rows})
+            return
+        table = Table("model", "title", "options", "inputs", "outputs", box=None)
+        for row in rows:
+            table.add_row(row["name"], row["title"], row["options"], " ".join(row["inputs"]), " ".join(row["outputs"]))
+        out.print(table)
+        return
+    document = describe(name)
+    if as_json:
+        _print_json(document)
+        return
+    out.print(f"[bold]{document['title']}[/bold]  (model {name}, version {document['version']})")
+    for part in ("states", "inputs", "outputs", "parameters", "faults"):
+        rows = document[part]
+        if rows:
+            table = Table(*rows[0], title=part, title_justify="left", box=None)
+            for row in rows:
+                table.add_row(*[str(v) for v in row.values()])
+            out.print(table)
+    for reference in document["references"]:
+        out.print(reference)
+
+
+@app.command()
+def version() -> None:
+    """Print the version."""
+    out.print(__version__)
+
+
+def main() -> None:
+    """Run a verb.
+
+    Every exception class of the project is written for its users: it is printed without a traceback, exit code 1.
+    """
+    try:
+        app(standalone_mode=True)
+    except Exception as error:
+        if type(error).__module__.partition(".")[0] not in ("fdd", "ingest"):
+            raise
+        screen.print("[bold red]error:[/bold red]", end=" ")
+        screen.print(str(error), highlight=False, soft_wrap=True, markup=False)
+        sys.exit(1)

@@ -1,0 +1,129 @@
+"""``fdd fit``: baselines for a site's equipment from a healthy history."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+
+from fdd.greybox.fit import FitResult
+from fdd.greybox.validate import write_validation
+from fdd.records import Baseline
+from fdd.service.baselines import accept
+from fdd.service.errors import UsageError
+from fdd.service.feed import Feed
+from fdd.service.history import History, read_history
+from fdd.service.identify import IdentifyError, identify
+from fdd.service.opened import Opened, open_site
+from fdd.service.plan import Component
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """One component's new baseline and how good it is."""
+
+    baseline: Baseline
+    result: FitResult
+    warnings: tuple[str, ...]
+
+    def summary(self) -> str:
+        """The fit's table, and what the charts will see of it."""
+        lines = [str(self.result.summary()), ""]
+        for symbol, s in self.baseline.innovation.items():
+            lines.append(
+                f"  innovations of {symbol}: standard deviation {s['sd']:.3f} (1 when the model is right), "
+                f"lag-one autocorrelation {s['lag1']:+.3f} (0 when it is)"
+            )
+        lines += [f"  warning: {w}" for w in self.warnings]
+        lines.append(f"  baseline version {self.baseline.version} of {self.baseline.component} is in force")
+        return "\n".join(lines)
+
+
+def fit_site(
+    site_file: Path,
+    data: Path | None,
+    *,
+    since: str | None,
+    until: str | None,
+    only: list[str] | None,
+    html: Path | None,
+    console: Console,
+) -> list[Fitted]:
+    """Fit every component (or those named), put the baselines in force, and say what is wrong with them.
+
+    Raises
+    ------
+    UsageError : no such equipment, or nothing could be fitted
+    """
+    opened = open_site(site_file, data)
+    chosen = _chosen(opened, only)
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("reading", total=None)
+        history = read_span(opened, since, until)
+        progress.update(task, description="fitting", total=len(chosen), completed=0)
+        fitted, failures = [], []
+        store = opened.store()
+        for component in chosen:
+            progress.update(task, description=f"fitting {component.name}")
+            try:
+                baseline, result = identify(opened.plan, component, history)
+            except IdentifyError as error:
+                failures.append(str(error))
+            else:
+                fitted.append(Fitted(accept(store, baseline), result, warnings_of(baseline, result)))
+            progress.advance(task)
+        store.close()
+    if failures and not fitted:
+        raise UsageError("nothing could be fitted\n  " + "\n  ".join(failures))
+    for failure in failures:
+        console.print(f"[yellow]not fitted:[/yellow] {failure}")
+    if html:
+        write_validation(html, [(f.baseline.component, f.result) for f in fitted])
+    return fitted
+
+
+def read_span(opened: Opened, since: str | None, until: str | None) -> History:
+    """Everything the site's sources hold in [since, until), framed.
+
+    Raises
+    ------
+    UsageError : no frame is left
+    """
+    feed = Feed(opened.site)
+    feed.open()
+    history, counts = read_history(opened.plan, feed.batches())
+    feed.close()
+    span = history.between(opened.nanoseconds(since), opened.nanoseconds(until))
+    if len(span) == 0:
+        reach = (
+            f"{opened.local(history.time[0])} to {opened.local(history.time[-1])}" if len(history) else "no time at all"
+        )
+        lost = {k: n for k, n in (counts | feed.counters()).items() if n and k != "accepted"}
+        raise UsageError(
+            f"no usable data between {since or 'the beginning'} and {until or 'the end'}; "
+            f"the sources reach over {reach}; rejected: {lost or 'nothing'}"
+        )
+    return span
+
+
+def _chosen(opened: Opened, only: list[str] | None) -> list[Component]:
+    names = [c.name for c in opened.plan.components]
+    for name in only or ():
+        if name not in names:
+            raise UsageError(f"no equipment is named {name!r}; there are {', '.join(names)}")
+    return [c for c in opened.plan.components if not only or c.name in only]
+
+
+def warnings_of(baseline: Baseline, result: FitResult) -> tuple[str, ...]:
+    """What a reader must know before trusting a baseline."""
+    found = list(result.warnings)
+    for symbol, s in baseline.innovation.items():
+        limit = 4.0 / s["samples"] ** 0.5
+        if abs(s["lag1"]) > max(limit, 0.05):
+            found.append(
+                f"{symbol}: innovations are not white (lag one {s['lag1']:+.2f}): the model misses part "
+                "of the dynamics; false alarms will be more frequent than the budget unless the charts are widened"
+            )
+    return tuple(found)

@@ -1,0 +1,62 @@
+"""``fdd run``: the daemon as a process, with signals, logs and recovery."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+
+import structlog
+
+from fdd.service.checkpoint import Checkpoint
+from fdd.service.daemon import Daemon
+from fdd.service.errors import UsageError
+from fdd.service.feed import Feed
+from fdd.service.opened import open_site
+from fdd.service.replay import ready_engine
+
+log = structlog.get_logger()
+
+
+def run_site(site_file: Path, *, until_end: bool, fresh: bool) -> Daemon:
+    """Run a site until its sources end (``until_end``) or a signal comes; returns the daemon as it stopped.
+
+    Raises
+    ------
+    UsageError : the site names no sources, or no component has a baseline
+    """
+    structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
+    opened = open_site(site_file)
+    if not opened.site.sources:
+        raise UsageError(f"{site_file}: the site names no sources; add one, or use `fdd replay SITE DATA` for a file")
+    if fresh:
+        for suffix in ("", "-wal", "-shm"):
+            Path(f"{opened.checkpoint_path}{suffix}").unlink(missing_ok=True)
+    engine = ready_engine(opened)
+    checkpoint, store, feed = Checkpoint(opened.checkpoint_path), opened.store(), Feed(opened.site)
+    daemon = Daemon(engine, store, checkpoint)
+    _stop_on_signals(feed)
+    feed.open(daemon.recover() or None, patient=True)
+    log.info("running", site=opened.site.name, watched=[c.name for c in engine.watched])
+    try:
+        daemon.run(feed)
+        if until_end and not feed.stopped:
+            daemon.finish()
+        else:
+            daemon.save()
+        log.info("stopped", samples=daemon.samples, frames=daemon.frames, counts=engine.counts | feed.counters())
+    finally:
+        feed.close()
+        store.close()
+        checkpoint.close()
+    return daemon
+
+
+def _stop_on_signals(feed: Feed) -> None:
+    def stop(number: int, _frame: FrameType | None) -> None:
+        log.info("stopping", signal=signal.Signals(number).name)
+        feed.stop()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, stop)
