@@ -52,7 +52,7 @@ class Data:
         t = np.ascontiguousarray(self.t, dtype=np.float64)
         u = _matrix(self.u, len(t))
         y = _matrix(self.y, len(t))
-        for key, value in (("t", t), ("u", u), ("y", y), ("dt", np.diff(t))):
+        for key, value in (("t", t), ("u", u), ("y", y), ("dt", _steps(t))):
             object.__setattr__(self, key, value)
         if t.ndim != 1 or len(t) < 2:
             raise DataError(f"{self.name}: {t.size} samples; at least two are needed")
@@ -103,6 +103,22 @@ class Data:
                     f"{self.name}: output {symbol} is infinite in row {int(np.flatnonzero(np.isinf(self.y[:, j]))[0])}"
                 )
         return warnings
+
+
+def _steps(t: FloatArray) -> FloatArray:
+    """Time steps, with those that differ by rounding only made equal, so that a discretisation is made once for them."""
+    dt = np.diff(t)
+    if not len(dt) or not np.isfinite(dt).all():
+        return dt
+    order = np.argsort(dt, kind="stable")
+    ordered = dt[order]
+    tolerance = np.maximum(1e-9 * np.abs(ordered), 4 * np.spacing(np.abs(t).max()))
+    group = np.concatenate([[0], np.cumsum(np.diff(ordered) > tolerance[1:])])
+    first = np.flatnonzero(np.concatenate([[True], np.diff(group) > 0]))
+    middle = (first + np.append(first[1:], len(dt)) - 1) // 2
+    out = np.empty_like(dt)
+    out[order] = ordered[middle][group]
+    return out
 
 
 def _matrix(a: ArrayLike, rows: int) -> FloatArray:

@@ -1,0 +1,249 @@
+"""Maximum likelihood and maximum a posteriori estimation of a model's parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.greybox import codegen
+from fdd.greybox.likelihood import Data, DataError, Likelihood, chain, from_scale, to_scale
+from fdd.greybox.results import FitResult, Trial
+from fdd.greybox.trust import Optimum, minimise
+from fdd.models.declare import ComponentModel, Parameter
+
+FloatArray = NDArray[np.float64]
+Progress = Callable[[int, int, float], None]
+Errors = Literal["observed", "fisher"]
+
+
+class ParameterError(ValueError):
+    """A start, fixed value or prior that cannot be used; the text names parameter, value, limit and remedy."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """Normal knowledge about a parameter before the data, natural scale and unit: mean and standard deviation."""
+
+    mean: float
+    sd: float
+
+    def __post_init__(self) -> None:
+        if not (self.sd > 0 and math.isfinite(self.mean)):
+            raise ParameterError(f"a prior needs a finite mean and a positive sd, not {self.mean}, {self.sd}")
+
+
+class Objective:
+    """Negative log posterior of the free parameters on the transform scale, remembering the last point."""
+
+    def __init__(
+        self, likelihood: Likelihood, values: FloatArray, free: NDArray[np.int64], priors: Mapping[str, Prior]
+    ) -> None:
+        self.likelihood, self.free = likelihood, free
+        self.rows = [likelihood.model.parameters[k] for k in free]
+        self.base = values.copy()
+        self.priors = [(i, priors[q.symbol]) for i, q in enumerate(self.rows) if q.symbol in priors]
+        self.reason = ""
+
+    def natural(self, theta: FloatArray) -> FloatArray:
+        """All parameters (n_p,), natural scale, from the free ones on the transform scale."""
+        values = self.base.copy()
+        values[self.free] = [from_scale(q, t) for q, t in zip(self.rows, theta, strict=True)]
+        return values
+
+    def theta(self, values: FloatArray) -> FloatArray:
+        """The free parameters on the transform scale."""
+        return np.array([to_scale(q, values[k]) for q, k in zip(self.rows, self.free, strict=True)])
+
+    def __call__(self, theta: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        values = self.natural(theta)
+        e = self.likelihood.evaluate(values)
+        self.reason = e.reason
+        gradient, information = e.gradient[self.free], e.information[np.ix_(self.free, self.free)]
+        if not (np.isfinite(gradient).all() and np.isfinite(information).all()):
+            return math.inf, np.zeros(len(theta)), np.eye(len(theta))
+        penalty, slope, curve = self.penalty(values)
+        return e.value + penalty, gradient + slope, information + np.diag(curve)
+
+    def penalty(self, values: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Negative log prior density with slope and (positive) curvature on the transform scale."""
+        slope, curve, total = np.zeros(len(self.free)), np.zeros(len(self.free)), 0.0
+        scale = chain(self.likelihood.model, values)[self.free]
+        for i, prior in self.priors:
+            z = (values[self.free[i]] - prior.mean) / prior.sd
+            total += 0.5 * z * z + math.log(prior.sd * math.sqrt(2 * math.pi))
+            slope[i] = z / prior.sd * scale[i]
+            curve[i] = (scale[i] / prior.sd) ** 2
+        return total, slope, curve
+
+
+def fit(
+    model: ComponentModel,
+    data: Data | Sequence[Data],
+    *,
+    start: Mapping[str, float] | FitResult | None = None,
+    fixed: Mapping[str, float] | None = None,
+    priors: Mapping[str, Prior] | None = None,
+    starts: int = 1,
+    seed: int = 0,
+    spread: float = 0.7,
+    errors: Errors = "observed",
+    huber: float = math.inf,
+    method: codegen.Method | None = None,
+    substeps: int | None = None,
+    progress: Progress | None = None,
+) -> FitResult:
+    """Estimate a model's parameters by maximum likelihood, or maximum a posteriori where ``priors`` are given.
+
+    Parameters
+    ----------
+    model : the component model; bounds and transforms are those of its parameter table
+    data : one record, or several experiments whose likelihoods are added
+    start : values to start from by symbol (others start at their typical value), or an earlier result (warm start)
+    fixed : parameters held at a value
+    priors : :class:`Prior` by symbol
+    starts : how many searches; the first from ``start``, the others scattered around it on the transform scale
+    seed, spread : of that scatter (standard deviation on the transform scale)
+    errors : standard errors from the observed information (2 p more gradients) or from Fisher's
+    huber : standardised innovation beyond which the likelihood grows linearly (robust against outliers)
+    method, substeps : override the automatic choice of prediction; for experts and tests
+    progress : called with (search, searches, best negative log-likelihood so far)
+
+    Raises
+    ------
+    DataError, ParameterError : what cannot be used, with the remedy
+    """
+    records = [data] if isinstance(data, Data) else list(data)
+    likelihood = Likelihood(model, records, method=method, substeps=substeps, huber=huber)
+    held = dict(fixed or {})
+    values = _start_values(model, start, held, priors or {})
+    free = np.array([k for k, q in enumerate(model.parameters) if q.symbol not in held and q.lower < q.upper], dtype=np.int64)
+    samples = sum(int(np.isfinite(d.y).sum()) for d in records)
+    if samples <= len(free):
+        raise DataError(f"{model.name}: {samples} measured values for {len(free)} free parameters; give more data or fix some")
+    objective = Objective(likelihood, values, free, priors or {})
+    if not math.isfinite(likelihood.value(values)):
+        reason = likelihood.evaluate(values).reason
+        raise ParameterError(f"{model.name}: no likelihood at the start: {reason}; give a start nearer to the data")
+    best, trials = _search(objective, starts, seed, spread, progress)
+    return _result(objective, best, trials, errors, values)
+
+
+def _start_values(
+    model: ComponentModel, start: Mapping[str, float] | FitResult | None, fixed: dict[str, float], priors: Mapping[str, Prior]
+) -> FloatArray:
+    given = dict(start.params) if isinstance(start, FitResult) else dict(start or {})
+    table = {q.symbol: q for q in model.parameters}
+    for what, names in (("start", given), ("fixed", fixed), ("priors", priors)):
+        for symbol in names:
+            if symbol not in table:
+                raise ParameterError(f"{model.name}: {what} names {symbol!r}, which is no parameter; known: {', '.join(table)}")
+    for symbol, value in given.items():
+        q = table[symbol]
+        if symbol not in fixed and not q.lower <= value <= q.upper:
+            raise ParameterError(
+                f"{model.name}: start of {symbol} is {value:g} {q.unit}, outside its bounds [{q.lower:g}, {q.upper:g}]; "
+                "give a value inside or widen the bounds in the model's table"
+            )
+    for symbol, value in fixed.items():
+        if not math.isfinite(value):
+            raise ParameterError(f"{model.name}: {symbol} is fixed at {value}; give a finite number")
+    return np.array([{**{q.symbol: q.typical}, **given, **fixed}[q.symbol] for q in model.parameters])
+
+
+def scale_bounds(q: Parameter) -> tuple[float, float]:
+    """Bounds on the transform scale; a logit is cut where its parameter is within 1e-6 of a bound."""
+    if q.transform == "logit":
+        return -14.0, 14.0
+    return to_scale(q, q.lower), to_scale(q, q.upper)
+
+
+def scale_unit(q: Parameter) -> float:
+    """What counts as one step of a parameter: a factor e on a log scale, its typical size otherwise."""
+    if q.transform != "identity" or q.kind == "noise":
+        return 1.0
+    return max(abs(q.typical) * 0.3, min(1.0, (q.upper - q.lower) * 0.1))
+
+
+def _search(
+    objective: Objective, starts: int, seed: int, spread: float, progress: Progress | None
+) -> tuple[Optimum, list[Trial]]:
+    bounds = np.array([scale_bounds(q) for q in objective.rows])
+    unit = np.array([scale_unit(q) for q in objective.rows])
+    first = np.clip(objective.theta(objective.base), bounds[:, 0], bounds[:, 1])
+    random = np.random.default_rng(seed)
+    best: Optimum | None = None
+    trials: list[Trial] = []
+    for i in range(max(1, starts)):
+        theta = first if i == 0 else _scattered(objective, first, bounds, unit * spread, random)
+        found = _polished(objective, theta, bounds, unit)
+        trials.append(Trial(theta, found.theta, found.value, found.evaluations, found.converged, found.reason))
+        if best is None or found.value < best.value:
+            best = found
+        if progress is not None:
+            progress(i + 1, max(1, starts), best.value)
+    assert best is not None
+    return best, trials
+
+
+def _scattered(
+    objective: Objective, first: FloatArray, bounds: FloatArray, spread: FloatArray, random: np.random.Generator
+) -> FloatArray:
+    """A random start at which the likelihood exists."""
+    for attempt in range(20):
+        theta = np.clip(first + random.normal(size=len(first)) * spread * 0.9**attempt, bounds[:, 0], bounds[:, 1])
+        if math.isfinite(objective.likelihood.value(objective.natural(theta))):
+            return theta
+    return first
+
+
+def _polished(objective: Objective, theta: FloatArray, bounds: FloatArray, unit: FloatArray) -> Optimum:
+    """Search with substeps as they suit the start, then again where the optimum needs others."""
+    objective.likelihood.choose_substeps(objective.natural(theta))
+    found = minimise(objective, theta, bounds[:, 0], bounds[:, 1], scale=unit)
+    for _ in range(3):
+        if not math.isfinite(found.value) or not objective.likelihood.choose_substeps(objective.natural(found.theta)):
+            break
+        found = minimise(objective, found.theta, bounds[:, 0], bounds[:, 1], scale=unit, radius=0.1)
+    return found
+
+
+def observed_information(objective: Objective, theta: FloatArray) -> FloatArray:
+    """Second derivatives of the objective from central differences of exact gradients."""
+    k = len(theta)
+    H = np.empty((k, k))
+    for i in range(k):
+        step = np.zeros(k)
+        step[i] = 1e-4 * max(1.0, abs(theta[i]) * 1e-2)
+        H[i] = (objective(theta + step)[1] - objective(theta - step)[1]) / (2 * step[i])
+    return np.asarray(0.5 * (H + H.T))
+
+
+def _result(objective: Objective, best: Optimum, trials: list[Trial], errors: Errors, start: FloatArray) -> FitResult:
+    likelihood = objective.likelihood
+    values = objective.natural(best.theta)
+    bounds = np.array([scale_bounds(q) for q in objective.rows])
+    width = 1e-6 * np.maximum(1.0, bounds[:, 1] - bounds[:, 0])
+    at_bound = (best.theta - bounds[:, 0] < width) | (bounds[:, 1] - best.theta < width)
+    penalty = objective.penalty(values)[0]
+    observed = observed_information(objective, best.theta) if errors == "observed" else None
+    return FitResult.build(
+        likelihood=likelihood,
+        values=values,
+        free=objective.free,
+        llf=-(best.value - penalty),
+        penalty=penalty,
+        gradient=best.gradient,
+        fisher=best.information,
+        observed=observed,
+        at_bound=at_bound,
+        trials=trials,
+        converged=best.converged,
+        reason=best.reason,
+        priors={objective.rows[i].symbol: (p.mean, p.sd) for i, p in objective.priors},
+        start={q.symbol: float(v) for q, v in zip(likelihood.model.parameters, start, strict=True)},
+    )

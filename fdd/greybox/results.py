@@ -1,0 +1,344 @@
+"""What a fit gives back, in the manner of statsmodels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from fdd.greybox.likelihood import Data, FilterPath, Likelihood, chain
+from fdd.models.declare import ComponentModel
+
+FloatArray = NDArray[np.float64]
+SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One search: from where, to where, how good (negative log posterior)."""
+
+    start: FloatArray
+    theta: FloatArray
+    value: float
+    evaluations: int
+    converged: bool
+    reason: str
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """Estimates with their uncertainty; natural scale and units of the parameter table unless said.
+
+    Attributes
+    ----------
+    params, bse, tvalues : by symbol; ``bse`` is NaN for parameters that are fixed, at a bound or not identifiable
+    cov, cov_scale : covariance of all parameters (n_p, n_p), natural and transform scale; zero for fixed ones
+    llf, aic, bic, nobs : log-likelihood (prior left out), information criteria, measured values used
+    unidentifiable : parameters the data say nothing about, alone or together
+    at_bound : parameters that ended on a bound
+    trials : one row a search
+    warnings : what the data and the optimum suggest to look at
+    """
+
+    model_name: str
+    model_version: str
+    options: Mapping[str, Any]
+    params: dict[str, float]
+    bse: dict[str, float]
+    cov: FloatArray
+    cov_scale: FloatArray
+    llf: float
+    nobs: int
+    free: tuple[str, ...]
+    penalty: float
+    converged: bool
+    reason: str
+    unidentifiable: tuple[str, ...]
+    at_bound: tuple[str, ...]
+    gradient: dict[str, float]
+    warnings: tuple[str, ...]
+    errors: str
+    trials: tuple[Trial, ...]
+    priors: Mapping[str, tuple[float, float]]
+    start: Mapping[str, float]
+    span: tuple[tuple[float, float], ...]
+    model: ComponentModel | None = None
+    likelihood: Likelihood | None = None
+
+    @classmethod
+    def build(
+        cls, *, likelihood: Likelihood, values: FloatArray, free: NDArray[np.int64], llf: float, penalty: float,
+        gradient: FloatArray, fisher: FloatArray, observed: FloatArray | None, at_bound: NDArray[np.bool_],
+        trials: Sequence[Trial], converged: bool, reason: str, priors: Mapping[str, tuple[float, float]],
+        start: Mapping[str, float],
+    ) -> FitResult:  # fmt: skip
+        """Standard errors and their reservations, from the information at the optimum."""
+        model = likelihood.model
+        names = model.symbols["parameters"]
+        information, kind = fisher, "fisher"
+        if observed is not None and _positive_definite(observed[np.ix_(~at_bound, ~at_bound)]):
+            information, kind = observed, "observed"
+        inner, lost = invert(information, at_bound, [names[k] for k in free])
+        cov_scale = np.zeros((len(names), len(names)))
+        cov_scale[np.ix_(free, free)] = inner
+        slope = chain(model, values)
+        cov = cov_scale * np.outer(slope, slope)
+        bse = {name: math.nan for name in names}
+        bound = tuple(names[k] for k, on in zip(free, at_bound, strict=True) if on)
+        for k in free:
+            if names[k] not in lost and names[k] not in bound:
+                bse[names[k]] = math.sqrt(max(cov[k, k], 0.0))
+        warnings = [*likelihood.warnings, *_reservations(lost, bound, converged, reason)]
+        records = likelihood.records
+        return cls(
+            model_name=model.name,
+            model_version=model.version,
+            options=dict(model.options),
+            params={name: float(v) for name, v in zip(names, values, strict=True)},
+            bse=bse,
+            cov=cov,
+            cov_scale=cov_scale,
+            llf=llf,
+            nobs=sum(int(np.isfinite(d.y).sum()) for d in records),
+            free=tuple(names[k] for k in free),
+            penalty=penalty,
+            converged=converged,
+            reason=reason,
+            unidentifiable=lost,
+            at_bound=bound,
+            gradient={names[k]: float(g) for k, g in zip(free, gradient, strict=True)},
+            warnings=tuple(warnings),
+            errors=kind,
+            trials=tuple(trials),
+            priors=dict(priors),
+            start=dict(start),
+            span=tuple((float(d.t[0]), float(d.t[-1])) for d in records),
+            model=model,
+            likelihood=likelihood,
+        )
+
+    # Numbers
+    @property
+    def values(self) -> FloatArray:
+        """All parameters (n_p,), in the model's order."""
+        return np.array(list(self.params.values()))
+
+    @property
+    def tvalues(self) -> dict[str, float]:
+        """Estimates over their standard errors."""
+        return {k: self.params[k] / s if s > 0 else math.nan for k, s in self.bse.items()}
+
+    @property
+    def pvalues(self) -> dict[str, float]:
+        """Two-sided, normal: probability of such an estimate if the parameter were zero."""
+        return {k: float(2 * stats.norm.sf(abs(t))) for k, t in self.tvalues.items()}
+
+    @property
+    def aic(self) -> float:
+        """Akaike's criterion."""
+        return 2 * len(self.free) - 2 * self.llf
+
+    @property
+    def bic(self) -> float:
+        """Schwarz's criterion."""
+        return len(self.free) * math.log(self.nobs) - 2 * self.llf
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlation of the estimates on the transform scale, (n_p, n_p); NaN for those without error."""
+        sd = np.sqrt(np.diag(self.cov_scale))
+        with np.errstate(all="ignore"):
+            return np.asarray(self.cov_scale / np.outer(sd, sd))
+
+    def conf_int(self, alpha: float = 0.05) -> dict[str, tuple[float, float]]:
+        """Intervals that are symmetric on the transform scale, natural units."""
+        from fdd.greybox.likelihood import from_scale, to_scale
+
+        z = float(stats.norm.isf(alpha / 2))
+        out = {}
+        for k, q in enumerate(self._model().parameters):
+            s = math.sqrt(max(self.cov_scale[k, k], 0.0))
+            if not math.isfinite(self.bse[q.symbol]):
+                out[q.symbol] = (math.nan, math.nan)
+                continue
+            theta = to_scale(q, self.params[q.symbol])
+            out[q.symbol] = (from_scale(q, theta - z * s), from_scale(q, theta + z * s))
+        return out
+
+    # Text
+    def summary(self) -> str:
+        """A table of the estimates and what to know about them."""
+        head = [
+            f"{self.model_name} {self.model_version}  log-likelihood {self.llf:.4f}  AIC {self.aic:.2f}  BIC {self.bic:.2f}",
+            f"{self.nobs} measured values, {len(self.free)} parameters, {'converged' if self.converged else 'NOT CONVERGED'} "
+            f"({self.reason}), {len(self.trials)} search(es), errors from the {self.errors} information",
+            "",
+            f"{'parameter':<14}{'estimate':>14}{'std err':>12}{'t':>9}{'P>|t|':>8}  unit",
+        ]
+        units = {q.symbol: q.unit for q in self.model.parameters} if self.model is not None else {}
+        t, p = self.tvalues, self.pvalues
+        rows = []
+        for name, value in self.params.items():
+            if name not in self.free:
+                note = f"{'fixed':>12}{'':>17}"
+            elif name in self.unidentifiable:
+                note = f"{'not identified':>29}"
+            elif name in self.at_bound:
+                note = f"{'at its bound':>29}"
+            else:
+                note = f"{self.bse[name]:>12.4g}{t[name]:>9.2f}{p[name]:>8.3f}"
+            rows.append(f"{name:<14}{value:>14.6g}{note}  {units.get(name, '')}")
+        return "\n".join([*head, *rows, *(["", *(f"! {w}" for w in self.warnings)] if self.warnings else [])])
+
+    # Plain data
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data (JSON) with model version and data span; :meth:`from_dict` takes it back."""
+        number = {math.inf: "inf", -math.inf: "-inf"}
+        finite = {k: (None if math.isnan(v) else number.get(v, v)) for k, v in self.bse.items()}
+        return {
+            "schema": SCHEMA,
+            "model": self.model_name,
+            "model_version": self.model_version,
+            "options": dict(self.options),
+            "params": dict(self.params),
+            "bse": finite,
+            "cov": self.cov.tolist(),
+            "cov_scale": self.cov_scale.tolist(),
+            "llf": self.llf,
+            "nobs": self.nobs,
+            "free": list(self.free),
+            "penalty": self.penalty,
+            "converged": self.converged,
+            "reason": self.reason,
+            "unidentifiable": list(self.unidentifiable),
+            "at_bound": list(self.at_bound),
+            "gradient": dict(self.gradient),
+            "warnings": list(self.warnings),
+            "errors": self.errors,
+            "priors": {k: list(v) for k, v in self.priors.items()},
+            "start": dict(self.start),
+            "span": [list(s) for s in self.span],
+            "trials": [
+                {"start": t.start.tolist(), "theta": t.theta.tolist(), "value": t.value, "evaluations": t.evaluations,
+                 "converged": t.converged, "reason": t.reason}
+                for t in self.trials
+            ],
+        }  # fmt: skip
+
+    @classmethod
+    def from_dict(
+        cls, document: Mapping[str, Any], model: ComponentModel | None = None, data: Data | Sequence[Data] | None = None
+    ) -> FitResult:
+        """Take back what :meth:`to_dict` gave; with model and data the methods that filter work again.
+
+        Raises
+        ------
+        ValueError : of another schema, or of another model or version than the one given
+        """
+        if document.get("schema") != SCHEMA:
+            raise ValueError(f"fit result has schema {document.get('schema')!r}, this program reads {SCHEMA}; fit again")
+        made = (document["model"], document["model_version"])
+        if model is not None and made != (model.name, model.version):
+            raise ValueError(f"fit result is of {made[0]} {made[1]}, the model given is {model.name} {model.version}; fit again")
+        likelihood = None
+        if model is not None and data is not None:
+            likelihood = Likelihood(model, [data] if isinstance(data, Data) else list(data))
+        special = {"inf": math.inf, "-inf": -math.inf}
+        return cls(
+            model_name=made[0],
+            model_version=made[1],
+            options=document["options"],
+            params=dict(document["params"]),
+            bse={k: math.nan if v is None else special.get(v, v) for k, v in document["bse"].items()},
+            cov=np.array(document["cov"]),
+            cov_scale=np.array(document["cov_scale"]),
+            llf=document["llf"],
+            nobs=document["nobs"],
+            free=tuple(document["free"]),
+            penalty=document["penalty"],
+            converged=document["converged"],
+            reason=document["reason"],
+            unidentifiable=tuple(document["unidentifiable"]),
+            at_bound=tuple(document["at_bound"]),
+            gradient=dict(document["gradient"]),
+            warnings=tuple(document["warnings"]),
+            errors=document["errors"],
+            trials=tuple(Trial(**{**t, "start": np.array(t["start"]), "theta": np.array(t["theta"])}) for t in document["trials"]),
+            priors={k: (v[0], v[1]) for k, v in document["priors"].items()},
+            start=dict(document["start"]),
+            span=tuple((s[0], s[1]) for s in document["span"]),
+            model=model,
+            likelihood=likelihood,
+        )
+
+    # What the filter saw
+    def paths(self, data: Data | None = None) -> list[FilterPath]:
+        """Predictions, innovations and states at the estimates, a record each; on other data where given."""
+        return self._likelihood(data).paths(self.values)
+
+    def _model(self) -> ComponentModel:
+        if self.model is None:
+            raise ValueError("this result was loaded without its model; give it to from_dict")
+        return self.model
+
+    def _likelihood(self, data: Data | None = None) -> Likelihood:
+        if data is not None:
+            return Likelihood(self._model(), data)
+        if self.likelihood is None:
+            raise ValueError("this result was loaded without its data; give data")
+        return self.likelihood
+
+
+def _positive_definite(H: FloatArray) -> bool:
+    if not np.isfinite(H).all():
+        return False
+    d = np.sqrt(np.abs(np.diag(H)))
+    d[d == 0] = 1.0
+    return bool(np.linalg.eigvalsh(H / np.outer(d, d)).min() > 1e-9) if len(H) else True
+
+
+def invert(information: FloatArray, at_bound: NDArray[np.bool_], names: Sequence[str]) -> tuple[FloatArray, tuple[str, ...]]:
+    """Covariance of what can be identified, and the names of what cannot.
+
+    A direction of (almost) no information, seen on the scale where every parameter's own information is one, names the
+    parameters that take part in it; they are left out one after the other until the rest can be inverted.
+    """
+    k = len(information)
+    inside = [i for i in range(k) if not at_bound[i]]
+    lost: list[int] = []
+    # Less than 1e-3 on a log scale of e: the likelihood does not change when the parameter changes tenfold.
+    for i in list(inside):
+        if not information[i, i] > 1e-3:
+            inside.remove(i)
+            lost.append(i)
+    while inside:
+        part = information[np.ix_(inside, inside)]
+        d = np.sqrt(np.diag(part))
+        values, vectors = np.linalg.eigh(part / np.outer(d, d))
+        if values[0] > 1e-8:
+            break
+        worst = [i for i, v in zip(inside, np.abs(vectors[:, 0]), strict=True) if v > 0.3 * np.abs(vectors[:, 0]).max()]
+        lost += worst
+        inside = [i for i in inside if i not in worst]
+    out = np.zeros((k, k))
+    if inside:
+        out[np.ix_(inside, inside)] = np.linalg.inv(information[np.ix_(inside, inside)])
+    return out, tuple(names[i] for i in sorted(lost))
+
+
+def _reservations(lost: Sequence[str], bound: Sequence[str], converged: bool, reason: str) -> list[str]:
+    out = []
+    if lost:
+        out.append(
+            f"not identifiable from these data: {', '.join(lost)}; fix them, give a prior, or excite what they act through"
+        )
+    if bound:
+        out.append(f"at a bound: {', '.join(bound)}; widen the bound or simplify the model")
+    if not converged:
+        out.append(f"the search did not converge ({reason}); try more starts")
+    return out

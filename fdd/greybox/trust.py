@@ -1,0 +1,137 @@
+"""Fisher-scoring trust region with bounds: few evaluations, each of value, gradient and information in one pass."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Objective = Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, slots=True)
+class Optimum:
+    """Where a search ended; ``reason`` says why it stopped."""
+
+    theta: FloatArray
+    value: float
+    gradient: FloatArray
+    information: FloatArray
+    evaluations: int
+    converged: bool
+    reason: str
+
+
+def minimise(
+    objective: Objective,
+    start: FloatArray,
+    lower: FloatArray,
+    upper: FloatArray,
+    *,
+    scale: FloatArray | None = None,
+    radius: float = 1.0,
+    tolerance: float = 1e-8,
+    most: int = 200,
+) -> Optimum:
+    """Minimise within bounds; ``scale`` (k,) is a natural unit of each parameter, ``radius`` counts in it.
+
+    The quadratic model is the Fisher information, corrected by a symmetric rank-one update where the steps show that
+    the observed curvature differs from it. The search stops when model and last step both promise and gave less than
+    ``tolerance`` (in units of the log-likelihood).
+    """
+    unit = np.ones_like(start) if scale is None else scale
+    x = np.clip(start, lower, upper)
+    f, g, B = objective(x)
+    count, correction = 1, np.zeros((len(x), len(x)))
+    if not math.isfinite(f):
+        return Optimum(x, f, g, B, count, False, "the likelihood is not finite at the start")
+    last, reason = math.inf, "the most evaluations were used"
+    while count < most:
+        model = _definite((B + correction) * np.outer(unit, unit))
+        step, promised = _bounded_step(g * unit, model, radius, (lower - x) / unit, (upper - x) / unit)
+        if promised < tolerance and last < tolerance * 10:
+            return Optimum(x, f, g, B, count, True, "converged")
+        if promised < 1e-13 * max(1.0, abs(f)):
+            return Optimum(x, f, g, B, count, True, "converged")
+        new = np.clip(x + step * unit, lower, upper)
+        fn, gn, Bn = objective(new)
+        count += 1
+        gained = f - fn if math.isfinite(fn) else -math.inf
+        length = float(np.linalg.norm(step))
+        ratio = gained / promised
+        if ratio < 0.1 or not math.isfinite(ratio):
+            radius = min(radius, length) * (0.25 if math.isfinite(ratio) else 0.1)
+        elif ratio > 0.7 and length > 0.9 * radius:
+            radius = min(radius * 2.5, 10.0)
+        if gained > 0 and ratio > 1e-4:
+            correction = _rank_one(correction, Bn, new - x, gn - g)
+            x, f, g, B, last = new, fn, gn, Bn, gained
+        elif radius < 1e-9 or (promised < 1e-6 and abs(gained) < 1e-9 * max(1.0, abs(f))):
+            return Optimum(x, f, g, B, count, promised < 1e-3, "no step improves the likelihood any more")
+        elif math.isfinite(fn):
+            correction = _rank_one(correction, B, new - x, gn - g)
+    return Optimum(x, f, g, B, count, False, reason)
+
+
+def _rank_one(correction: FloatArray, B: FloatArray, step: FloatArray, change: FloatArray) -> FloatArray:
+    """SR1 update of the difference between observed and expected information; damped, so that old knowledge fades."""
+    miss = change - (B + correction) @ step
+    denominator = float(miss @ step)
+    if abs(denominator) < 1e-8 * float(np.linalg.norm(miss) * np.linalg.norm(step)) or not np.isfinite(denominator):
+        return correction
+    return np.asarray(correction + np.outer(miss, miss) / denominator)
+
+
+def _definite(B: FloatArray) -> FloatArray:
+    """Symmetric; directions of negative curvature get the size of it with a positive sign."""
+    values, vectors = np.linalg.eigh(0.5 * (B + B.T))
+    return np.asarray((vectors * np.maximum(np.abs(values), 1e-12 * max(1e-12, np.abs(values).max()))) @ vectors.T)
+
+
+def _bounded_step(
+    g: FloatArray, B: FloatArray, radius: float, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, float]:
+    """Minimiser of the model in the ball, parameters that meet a bound held there one after the other."""
+    step = np.zeros_like(g)
+    held = ((low >= 0) & (g > 0)) | ((high <= 0) & (g < 0))
+    for _ in range(len(g) + 1):
+        free = ~held
+        if not free.any():
+            break
+        room = math.sqrt(max(radius**2 - float(step[held] @ step[held]), (0.1 * radius) ** 2))
+        slope = g[free] + B[np.ix_(free, held)] @ step[held]
+        step[free] = _ball_step(slope, B[np.ix_(free, free)], room)
+        out = free & ((step < low) | (step > high))
+        if not out.any():
+            break
+        step = np.where(out, np.clip(step, low, high), step)
+        held |= out
+    promised = -float(g @ step + 0.5 * step @ B @ step)
+    return step, promised
+
+
+def _ball_step(g: FloatArray, B: FloatArray, radius: float) -> FloatArray:
+    """Exact trust-region step by eigenvalues (Conn, Gould and Toint 2000, chapter 7) for positive semidefinite B."""
+    values, vectors = np.linalg.eigh(B)
+    a = vectors.T @ g
+    values = np.maximum(values, 1e-14 * max(values[-1], 1e-300))
+
+    def length(mu: float) -> float:
+        return float(np.linalg.norm(a / (values + mu)))
+
+    if length(0.0) <= radius:
+        return np.asarray(-vectors @ (a / values))
+    low, high = 0.0, float(np.linalg.norm(g)) / radius
+    for _ in range(100):
+        mu = 0.5 * (low + high) if low > 0 else high * 0.5 ** (1 + _)
+        if length(mu) > radius:
+            low = mu
+        else:
+            high = mu
+        if low > 0 and high / low < 1.0001:
+            break
+    return np.asarray(-vectors @ (a / (values + high)))
