@@ -92,8 +92,8 @@ MEASUREMENTS: dict[str, Measurement] = {
         ),
         Measurement(
             "charts",
-            "component/chart:stream",
-            "components x charts x streams",
+            "component/stream:chart",
+            "components x streams x charts",
             (
                 Field("statistic", "1", "what the chart accumulates"),
                 Field("limit", "1", "value at which it alarms"),
@@ -130,16 +130,6 @@ MEASUREMENTS: dict[str, Measurement] = {
                 ),
                 Field("kept", "1", "points kept since the start"),
                 Field("seen", "1", "points seen since the start"),
-            ),
-        ),
-        Measurement(
-            "alarms",
-            "component/alarm key",
-            "alarms raised",
-            (
-                Field("state", "code", "0 cleared ... 5 raised, see ALARM_STATES"),
-                Field("severity", "code", "0 info ... 4 critical, see SEVERITIES"),
-                Field("open", "0 or 1", "1 until returned to normal or cleared"),
             ),
         ),
         Measurement(

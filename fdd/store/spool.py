@@ -5,8 +5,8 @@ away, entries wait; after a crash they are still there. An entry is taken off th
 accepted it, and writing it twice is writing it once, so nothing is lost and nothing doubled.
 
 The spool is bounded. When it is full the oldest *rows* are dropped and counted; documents are kept, since a newer one
-replaces an older one of the same key. Checkpoints (kind ``state``) change every second and matter to this machine
-alone: they stay in the spool's file, in the same transaction as the outputs they stand for.
+replaces an older one of the same key. Documents written here are also kept in the spool's file, for reading during an
+outage. Other processes of the same machine may use the same folder.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from fdd.store.rows_codec import decode_rows, encode_rows
 from fdd.store.schema import StoreError, as_sequence, check_kind, check_name, check_rows
 from fdd.store.store import Store, StoreUnavailableError
 
-LOCAL_KINDS = frozenset({"state"})
 ENTRIES_AT_ONCE = 200
 BYTES_AT_ONCE = 4_000_000
 FIRST_PAUSE, LONGEST_PAUSE = 0.2, 10.0  # s between tries while the server is away
@@ -75,7 +74,7 @@ class SpooledStore:
     Parameters
     ----------
     inner : the store behind, usually :class:`fdd.store.influx.InfluxStore`
-    folder : where the spool's file lives; one process at a time
+    folder : where the spool's file lives
     max_bytes : how much may wait
     changed : called with the status when the server is lost, when it is back, and when entries are dropped or refused
     """
@@ -158,13 +157,12 @@ class SpooledStore:
                 if kind is not None:
                     self._link.execute("REPLACE INTO documents VALUES (?, ?, ?)", (kind, key, body.decode()))
                     self._remove("kind = ? AND key = ?", (kind, key))
-                if kind not in LOCAL_KINDS:
-                    self._link.execute(
-                        "INSERT INTO pending (kind, key, rows, size, body) VALUES (?, ?, ?, ?, ?)",
-                        (kind, key, rows, len(body), body),
-                    )
-                    self._rows += rows
-                    self._bytes += len(body)
+                self._link.execute(
+                    "INSERT INTO pending (kind, key, rows, size, body) VALUES (?, ?, ?, ?, ?)",
+                    (kind, key, rows, len(body), body),
+                )
+                self._rows += rows
+                self._bytes += len(body)
         dropped = self._drop_oldest()
         self._wake.set()
         if dropped:
@@ -267,6 +265,8 @@ class SpooledStore:
                 size += len(row[4])
                 if size > BYTES_AT_ONCE:
                     break
+            if not found:
+                self._rows = self._bytes = 0  # another process may have forwarded some of ours
             return found
 
     @contextmanager
@@ -360,7 +360,8 @@ class SpooledStore:
     def get(self, kind: str, key: str) -> JsonObject | None:
         """The document: as written here while that has not reached the server, otherwise the server's."""
         waiting = self._local(f"WHERE kind = ? AND key = ? AND {_WAITING}", (check_kind(kind), key))
-        if not waiting and not self._alone(kind):
+        # While the server is known to be away it is not asked; the forwarder finds out when it is back.
+        if not waiting and not self._problem:
             try:
                 with self._noted():
                     return self.inner.get(kind, key)
@@ -371,17 +372,13 @@ class SpooledStore:
     def items(self, kind: str) -> dict[str, JsonObject]:
         """All documents of a kind by key; while the server is away, those written here."""
         waiting = self._local(f"WHERE kind = ? AND {_WAITING}", (check_kind(kind),))
-        if not self._alone(kind):
+        if not self._problem:
             try:
                 with self._noted():
                     return dict(sorted((self.inner.items(kind) | waiting).items()))
             except StoreUnavailableError:
                 self._wake.set()
         return dict(sorted(self._local("WHERE kind = ?", (kind,)).items()))
-
-    def _alone(self, kind: str) -> bool:
-        """Whether the server is not to be asked: it is known to be away (the forwarder finds out when it is back)."""
-        return kind in LOCAL_KINDS or bool(self._problem)
 
     def _local(self, condition: str, values: tuple[str, ...]) -> dict[str, JsonObject]:
         with self._lock:

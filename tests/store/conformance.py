@@ -23,7 +23,7 @@ SHARED = [HealthCheck.function_scoped_fixture, HealthCheck.differing_executors]
 
 
 def rows(
-    measurement: str = "charts", series: tuple[str, ...] = ("hx/cusum:T_out",), n: int = 3, **fields: object
+    measurement: str = "charts", series: tuple[str, ...] = ("hx/T_out:cusum",), n: int = 3, **fields: object
 ) -> Rows:
     """``n`` rows of each series, a second apart."""
     k = len(series)
