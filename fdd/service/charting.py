@@ -1,22 +1,35 @@
-"""All charts of a site: which streams there are, what each is fed, and the limits that the budget gives them."""
+"""All charts of a site: which streams there are, what each is fed, and the limits that the budget gives them.
+
+Every component carries two families: a CUSUM on the standardised innovations of each output, quick for faults that make
+the filter mispredict at once, and a score chart for each physical parameter, for slow faults that a filter with honest
+process noise would swallow. The plant's budget of false alarms is spread over components by weight, and within a
+component evenly.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.records import NANOSECONDS, FloatArray, IntArray, JsonObject
+from fdd.records import NANOSECONDS, IntArray, JsonObject
+from fdd.residual_monitors.budget import spread
 from fdd.residual_monitors.chart import Phase, Verdicts
 from fdd.residual_monitors.cusum import Cusum
+from fdd.residual_monitors.score import Score
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.plan import Plan
 
-YEAR = 365.25 * 86400 * NANOSECONDS
+BoolArray = NDArray[np.bool_]
+# An innovation of so many standard deviations is a broken signal and says nothing of a parameter.
+ABSURD = 100.0
 # A statistic below this share of its limit says that what raised the alarm is gone (hysteresis).
 NORMAL = 0.25
+# A score block is longer than a filter's memory and shorter than the delay one wants.
+SCORE_BLOCK = 6 * 3600 * NANOSECONDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,51 +44,180 @@ class Stream:
 
 @dataclass(frozen=True, slots=True)
 class ChartStep:
-    """What all charts said of one frame: verdicts and the value each was fed, (n_streams,)."""
+    """What all charts said of one frame, (n_streams,); ``rang`` are the streams that have just passed their limits."""
 
     verdicts: Verdicts
-    fed: FloatArray
     rang: IntArray
-    normal: NDArray[np.bool_]
+    normal: BoolArray
 
 
-class Charts:
-    """Two-sided CUSUM charts on the standardised innovations of every output of every component."""
+class Family(Protocol):
+    """Charts of one kind, with their streams in order."""
 
-    def __init__(self, plan: Plan, groups: Sequence[FilterGroup]) -> None:
+    streams: tuple[Stream, ...]
+
+    def update(self, steps: Sequence[GroupStep]) -> Verdicts:
+        """Feed one frame."""
+
+    def reset(self, which: BoolArray) -> None:
+        """Start these streams again."""
+
+    def estimate(self, stream: int, updates: int) -> JsonObject:
+        """Size of what the stream has found over its last ``updates``, as far as the chart can tell."""
+
+    def export_state(self) -> JsonObject:
+        """Plain data."""
+
+    def restore_state(self, state: JsonObject) -> None:
+        """Continue where :meth:`export_state` stood."""
+
+
+class InnovationCharts:
+    """Two-sided CUSUM on every output's standardised innovation."""
+
+    def __init__(self, groups: Sequence[FilterGroup], arl: dict[str, float]) -> None:
         self.streams = tuple(
             Stream(f"{c.name}/{q.symbol}:cusum", c.name, q.symbol, point)
             for g in groups
             for c in g.components
             for q, point in zip(g.model.outputs, c.outputs, strict=True)
         )
-        weights = np.array([c.weight for g in groups for c in g.components for _ in g.model.outputs])
-        rate = plan.false_alarms_per_year * weights / weights.sum()
-        self._chart = Cusum.design(YEAR / plan.step / rate)
+        self._chart = Cusum.design([arl[s.component] for s in self.streams])
+
+    def update(self, steps: Sequence[GroupStep]) -> Verdicts:
+        """Feed the standardised innovations."""
+        return self._chart.update(np.concatenate([s.standardised.ravel() for s in steps]))
+
+    def reset(self, which: BoolArray) -> None:
+        """Start these streams again."""
+        self._chart.reset(which)
+
+    def estimate(self, stream: int, updates: int) -> JsonObject:
+        """An innovation chart says that something is wrong, not how large it is."""
+        return {}
+
+    def export_state(self) -> JsonObject:
+        """The chart as plain data."""
+        return self._chart.export_state()
+
+    def restore_state(self, state: JsonObject) -> None:
+        """Continue where :meth:`export_state` stood."""
+        self._chart.restore_state(state)
+
+
+class ScoreCharts:
+    """A score chart for each physical parameter of one group of components."""
+
+    def __init__(self, index: int, group: FilterGroup, plan: Plan, arl: dict[str, float]) -> None:
+        self._index, self._group = index, group
+        parameters = group.model.parameters
+        self._physical = np.flatnonzero([p.kind == "physical" for p in parameters])
+        self._symbols = [parameters[i].symbol for i in self._physical]
+        self._log = [parameters[i].transform == "log" for i in self._physical]
+        self.streams = tuple(
+            Stream(f"{c.name}/{symbol}:score", c.name, symbol, None)
+            for c in group.components
+            for symbol in self._symbols
+        )
+        wanted = [arl[s.component] for s in self.streams]
+        samples = min((b.samples for b in group.baselines if b.samples), default=0)
+        self._chart = Score.design(
+            wanted,
+            parameters=len(self._symbols),
+            block=max(1, SCORE_BLOCK // plan.step),
+            baseline_samples=samples or np.inf,
+        )
+
+    def update(self, steps: Sequence[GroupStep]) -> Verdicts:
+        """Feed the group's scores; rows that may not be charted are hidden."""
+        step = steps[self._index]
+        with np.errstate(invalid="ignore"):
+            hide = ~step.charted | (np.abs(step.standardised) > ABSURD).any(axis=1)
+        score = np.where(hide[:, None], np.nan, step.score[:, self._physical])
+        information = step.information[:, self._physical[:, None], self._physical]
+        return self._chart.update_scores(score, np.where(hide[:, None, None], np.nan, information))
+
+    def reset(self, which: BoolArray) -> None:
+        """Start these streams again."""
+        self._chart.reset(which)
+
+    def estimate(self, stream: int, updates: int) -> JsonObject:
+        """Change of the parameter if it alone is responsible, with its standard error; a share where on a log scale."""
+        component, j = divmod(stream, len(self._symbols))
+        found = self._chart.estimate(component, updates)
+        change, error = float(found.single[j]), float(found.single_error[j])
+        if not np.isfinite(error):
+            return {}
+        scale = "relative" if self._log[j] else "absolute"
+        return {"change": change, "standard_error": error, "scale": scale}
+
+    def export_state(self) -> JsonObject:
+        """The chart as plain data."""
+        return self._chart.export_state()
+
+    def restore_state(self, state: JsonObject) -> None:
+        """Continue where :meth:`export_state` stood."""
+        self._chart.restore_state(state)
+
+
+class Charts:
+    """Every chart of a site."""
+
+    def __init__(self, plan: Plan, groups: Sequence[FilterGroup]) -> None:
+        arl = _budget(plan, groups)
+        self._families: list[Family] = [InnovationCharts(groups, arl)]
+        self._families += [
+            ScoreCharts(i, g, plan, arl)
+            for i, g in enumerate(groups)
+            if any(p.kind == "physical" for p in g.model.parameters)
+        ]
+        self.streams = tuple(s for f in self._families for s in f.streams)
+        self._edges = np.cumsum([0, *(len(f.streams) for f in self._families)])
         self._phase = np.zeros(len(self.streams), dtype=np.uint8)
 
     def update(self, steps: Sequence[GroupStep]) -> ChartStep:
-        """Feed one frame's standardised innovations; say which charts have just passed their limits."""
-        z = np.concatenate([s.standardised.ravel() for s in steps])
-        verdicts = self._chart.update(z)
+        """Feed one frame to every chart; say which have just passed their limits."""
+        said = [f.update(steps) for f in self._families]
+        verdicts = Verdicts(*(np.concatenate([getattr(v, f.name) for v in said]) for f in fields(Verdicts)))
         alarm = verdicts.phase == Phase.ALARM
         rang = np.flatnonzero(alarm & (self._phase != Phase.ALARM))
-        self._phase = verdicts.phase.copy()
+        self._phase = verdicts.phase
         normal = ~alarm | (verdicts.statistic < NORMAL * verdicts.limit)
-        return ChartStep(verdicts, z, rang, normal)
+        return ChartStep(verdicts, rang, normal)
+
+    def estimate(self, stream: int, updates: int) -> JsonObject:
+        """Size of what a stream has found, where its chart can tell."""
+        family = int(np.searchsorted(self._edges, stream, side="right")) - 1
+        return self._families[family].estimate(stream - int(self._edges[family]), updates)
 
     def reset(self, component: str) -> None:
         """An operator has cleared the component's alarm."""
         which = np.array([s.component == component for s in self.streams])
-        self._chart.reset(which)
-        self._phase[which] = Phase.QUIET
+        for family, start, stop in zip(self._families, self._edges, self._edges[1:], strict=False):
+            family.reset(which[start:stop])
+        self._phase = np.where(which, np.uint8(Phase.QUIET), self._phase)
 
     def export_state(self) -> JsonObject:
         """The charts as plain data."""
-        names = [s.name for s in self.streams]
-        return {"streams": names, "chart": self._chart.export_state(), "phase": self._phase.copy()}
+        return {"families": [f.export_state() for f in self._families], "phase": self._phase.copy()}
 
     def restore_state(self, state: JsonObject) -> None:
         """Continue where :meth:`export_state` stood."""
-        self._chart.restore_state(state["chart"])
+        for family, saved in zip(self._families, state["families"], strict=True):
+            family.restore_state(saved)
         self._phase = np.array(state["phase"], dtype=np.uint8)
+
+
+def _budget(plan: Plan, groups: Sequence[FilterGroup]) -> dict[str, float]:
+    """Mean number of frames between false alarms for each of a component's charts."""
+    components = [(c, _charts_in(g)) for g in groups for c in g.components]
+    weights = [c.weight / n for c, n in components for _ in range(n)]
+    if not weights:
+        return {}
+    each = spread(plan.false_alarms_per_year, weights, plan.step / NANOSECONDS)
+    starts = np.cumsum([0, *(n for _, n in components)])[:-1]
+    return {c.name: float(each[i]) for (c, _), i in zip(components, starts, strict=True)}
+
+
+def _charts_in(group: FilterGroup) -> int:
+    return len(group.model.outputs) + sum(p.kind == "physical" for p in group.model.parameters)

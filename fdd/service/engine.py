@@ -129,6 +129,7 @@ class Engine:
             "statistic": float(v.statistic[i]),
             "limit": float(v.limit[i]),
             "direction": int(v.direction[i]),
+            **self._charts.estimate(i, int(v.onset_age[i])),
         }
         since = time - int(v.onset_age[i]) * self.plan.step
         return Ring(stream.component, stream.name, stream.point, since, evidence)
