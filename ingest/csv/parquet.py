@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -43,4 +44,4 @@ class ParquetSource(FileSource):
                 continue
             frame: pd.DataFrame = chunk.slice(skip).to_pandas(ignore_metadata=True)
             frame = frame[names].set_axis(table.needed, axis=1)
-            yield table.batch(frame, row - len(frame), self._after(row, row))
+            yield replace(table.batch(frame, row - len(frame)), position=self._after(row, row))

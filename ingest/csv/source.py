@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import gzip
 import io
+import zlib
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar, TextIO, cast
@@ -77,28 +79,32 @@ class CsvSource(FileSource):
                 for _ in islice(file, done - lines):
                     pass
                 lines = done
-            while block := self._block(file, path, lines):
+            whole = True
+            while whole:
+                block, whole = self._block(file, path, lines)
                 good, cut = self._fitting(block, delimiter, len(table.header), path, lines)
                 lines += len(block)
                 if not good:
                     continue
                 frame = self._frame(good, table, delimiter)
                 after = row + len(good)
-                batch = table.batch(frame, row, self._after(lines, after))
+                batch = replace(table.batch(frame, row), position=self._after(lines, after))
                 if cut and len(batch) and not self._csv.long:
                     # Nothing says that the last number of a file without a last line end is whole.
                     batch.quality[-len(table.value_columns) :] = Quality.UNCERTAIN
                 row = after
                 yield batch
 
-    def _block(self, file: TextIO, path: Path, before: int) -> list[str]:
+    def _block(self, file: TextIO, path: Path, before: int) -> tuple[list[str], bool]:
+        """The next lines, and whether there may be more."""
         block: list[str] = []
         try:
             block.extend(islice(file, self._options.batch_rows))
-        except (EOFError, OSError) as error:
+        except (EOFError, OSError, zlib.error) as error:
             note = f"{path.name}: cut short after line {before + len(block)} ({error})"
             self._count("file cut short", 1, note)
-        return block
+            return block, False
+        return block, bool(block)
 
     def _fitting(self, block: list[str], delimiter: str, width: int, path: Path, before: int) -> tuple[list[str], bool]:
         """Lines with the right number of fields, the others counted; and whether the last one lacks its line end."""

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fdd.records import Batch, FloatArray, IntArray, JsonObject, Quality
+from fdd.records import Batch, FloatArray, IntArray, Quality
 from ingest.csv.localtime import ALL, NOT_A_TIME, Clock
 from ingest.csv.options import FileOptions
 from ingest.source import Refused
@@ -91,7 +91,7 @@ class Table:
             "Say time: {column: NAME}, or time: {start: ..., step: ...} if the file has none."
         )
 
-    def batch(self, frame: pd.DataFrame, first_row: int, position: JsonObject) -> Batch:
+    def batch(self, frame: pd.DataFrame, first_row: int) -> Batch:
         """Samples of some rows; ``frame`` has the needed columns by number. Rows without a time are rejected."""
         series = None
         if self.options.long:
@@ -99,8 +99,8 @@ class Table:
         time = self._time(frame, first_row, series)
         keep = time != NOT_A_TIME
         if self.options.long:
-            return self._long(frame, time, keep, series, position)
-        return self._wide(frame, time, keep, position)
+            return self._long(frame, time, keep, series)
+        return self._wide(frame, time, keep)
 
     def _time(self, frame: pd.DataFrame, first_row: int, series: NDArray[np.object_] | None) -> IntArray:
         if not self.time_columns:
@@ -127,7 +127,7 @@ class Table:
         self.count("row's time runs backwards", int((steps < 0).sum()))
         self.count("row's time stands twice", int((steps == 0).sum()))
 
-    def _wide(self, frame: pd.DataFrame, time: IntArray, keep: NDArray[np.bool_], position: JsonObject) -> Batch:
+    def _wide(self, frame: pd.DataFrame, time: IntArray, keep: NDArray[np.bool_]) -> Batch:
         columns = self.value_columns
         value = np.column_stack([self.numbers(frame[c]) for c in columns]) if columns else np.empty((len(frame), 0))
         rows = int(keep.sum())
@@ -137,16 +137,10 @@ class Table:
             time=np.repeat(time[keep], len(columns)),
             value=np.ascontiguousarray(value[keep]).ravel(),
             quality=np.zeros(rows * len(columns), dtype=np.uint8),
-            position=position,
         )
 
     def _long(
-        self,
-        frame: pd.DataFrame,
-        time: IntArray,
-        keep: NDArray[np.bool_],
-        series: NDArray[np.object_] | None,
-        position: JsonObject,
+        self, frame: pd.DataFrame, time: IntArray, keep: NDArray[np.bool_], series: NDArray[np.object_] | None
     ) -> Batch:
         assert series is not None
         code, names = pd.factorize(series[keep])
@@ -156,7 +150,6 @@ class Table:
             time=time[keep],
             value=self.numbers(frame[self.value_columns[1]])[keep],
             quality=np.full(int(keep.sum()), Quality.GOOD, dtype=np.uint8),
-            position=position,
         )
 
     def numbers(self, column: pd.Series) -> FloatArray:

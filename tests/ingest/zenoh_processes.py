@@ -47,7 +47,8 @@ def subscribe(endpoint: str, database: str) -> None:
     for item in source.batches():
         names = [item.names[i] for i in item.point]
         with store:
-            store.executemany("INSERT INTO sample VALUES (?,?,?)", zip(names, item.time.tolist(), item.value.tolist()))
+            rows = zip(names, item.time.tolist(), item.value.tolist(), strict=True)
+            store.executemany("INSERT INTO sample VALUES (?,?,?)", rows)
             store.execute("REPLACE INTO position VALUES (1, ?)", (json.dumps(item.position),))
     print(json.dumps(source.counters()), flush=True)
     source.close()
