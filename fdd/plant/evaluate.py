@@ -6,15 +6,14 @@ model's and written out in an order in which each needs only what stands before 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.greybox.trace import Expr, Graph, Level, Namespace
+from fdd.plant.compiled import compiled
 from fdd.plant.network import MEASURED, Network, PlantError
 from fdd.records import FloatArray
 
@@ -107,10 +106,8 @@ class Evaluator:
         for kind, name in order:
             lines += writers[kind](name)
         text = "\n    ".join([*lines, "return"])
-        scope: dict[str, Any] = {f: getattr(math, f) for f in ("exp", "log", "sqrt", "tanh", "sin", "cos", "fabs")}
-        exec(compile(text, "<plant>", "exec"), scope)
-        compiled: Callable[..., None] = numba.njit(scope["evaluate"], error_model="numpy", nogil=True)
-        return compiled
+        function: Callable[..., None] = compiled(f"@jit\n{text}\n").evaluate
+        return function
 
     def _output(self, port: str) -> list[str]:
         owner, _, symbol = port.rpartition(".")

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.greybox.equations import trace
 from fdd.greybox.kernels import Kernel, kernel
 from fdd.models.declare import ComponentModel
+from fdd.plant.compiled import advance_module
 from fdd.plant.evaluate import Evaluator
 from fdd.plant.network import Component, Network, PlantError
 from fdd.records import FloatArray
@@ -79,7 +78,7 @@ class _Kind:
         self.first = np.array([at for at, _ in members], dtype=np.int64)
         self.states = len(model.states)
         self.symbols = [p.symbol for p in model.parameters]
-        self.advance = _advance(module.predict, self.states, module.P, self.pieces)
+        self.advance = advance_module(self.kernel, self.states, self.pieces).advance
         for i in range(n):
             self.prepare(i)
 
@@ -230,41 +229,3 @@ class Simulator:
         if point not in self.points:
             raise PlantError(f"no sensor is called {point!r}; the plant measures {', '.join(self.points)}")
         return self.points.index(point)
-
-
-@numba.njit(nogil=True)
-def _draw(w, P, n, L, z):  # type: ignore[no-untyped-def]
-    """Add to the mean in ``w`` a normal with the packed covariance at ``w[P:]``; a zero pivot draws nothing."""
-    at = 0
-    for i in range(n):
-        for j in range(i, n):
-            t = w[P + at]
-            at += 1
-            for m in range(i):
-                t -= L[i, m] * L[j, m]
-            if i == j:
-                L[i, i] = sqrt(t) if t > 0.0 else 0.0
-            else:
-                L[j, i] = t / L[i, i] if L[i, i] > 0.0 else 0.0
-    for i in range(n):
-        for m in range(i + 1):
-            w[i] += L[i, m] * z[m]
-
-
-def _advance(predict: Any, n: int, P: int, pieces: int) -> Any:
-    """One step of all components of a kind: mean and covariance by the kernel, then a draw."""
-
-    @numba.njit(nogil=True)
-    def advance(x, s, inputs, first, constants, work, dt, z):  # type: ignore[no-untyped-def]
-        L = np.empty((n, n))
-        for c in range(len(first)):
-            u = s[inputs[c]]
-            w = work[c]
-            w[:n] = x[first[c] : first[c] + n]
-            for piece in range(pieces):
-                w[P : P + n * (n + 1) // 2] = 0.0
-                predict(w, constants[c], dt / pieces, u, u, 0)
-                _draw(w, P, n, L, z[c, piece])
-            x[first[c] : first[c] + n] = w[:n]
-
-    return advance
