@@ -32,8 +32,8 @@ def spread(
     ----------
     false_alarms_a_year : for all charts together [1/a]
     weights : shape (n,), share of the budget each chart may use, any scale; more for charts that guard dear faults
-    interval : scalar or (n,), time between a chart's updates [s]; a score chart's is its block, a window chart's its
-        window
+    interval : scalar or (n,), time between a chart's updates [s]; charts on blocks and windows divide by their length
+        themselves
     availability : scalar or (n,), share of the year in which the chart sees values (machine on, data there), (0, 1]
 
     Raises

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import Enum, IntEnum
 from typing import Any, ClassVar
 
 import numba
@@ -36,6 +36,15 @@ class Phase(IntEnum):
 
 
 NO_DATA, LEARNING, QUIET, ALARM = (int(p) for p in Phase)
+
+
+class Feed(Enum):
+    """What a chart is fed, and by which method."""
+
+    VALUES = "update(z), z of shape (n,)"
+    VECTORS = "update(z), z of shape (n, dimension)"
+    SCORES = "update_scores(score, information)"
+    ESTIMATES = "update_estimates(estimate, error)"
 
 
 class StateError(ValueError):
@@ -80,6 +89,7 @@ class Chart(ABC):
 
     kind: ClassVar[str]
     """Name in the registry and in exported state."""
+    feed: ClassVar[Feed] = Feed.VALUES
     schema: ClassVar[int] = 1
     """Version of the exported state."""
     _state: ClassVar[tuple[str, ...]] = ()
@@ -100,6 +110,11 @@ class Chart(ABC):
         self.seen = np.zeros(self.n, dtype=np.int64)
         self.mean = np.zeros(self.n)
         self.spread = np.zeros(self.n)
+
+    @classmethod
+    @abstractmethod
+    def design(cls, arl: ArrayLike) -> Chart:
+        """Charts with these mean numbers of updates between false alarms, shape (n,); options follow by keyword."""
 
     @abstractmethod
     def _step(self, z: FloatArray) -> Verdicts:

@@ -46,7 +46,9 @@ class Cusum(Chart):
         super().__init__(limit, learn=learn)
         self.k = per_stream(k, self.n, "k")
         if not np.all(self.k >= 0):
-            raise ValueError(f"cusum chart: reference value k is {k}; give zero or more standard deviations")
+            raise ValueError(
+                f"cusum chart: reference value k is {np.min(self.k)}; give zero or more standard deviations"
+            )
         if not 0 <= head_start < 1:
             raise ValueError(f"cusum chart: head_start is {head_start}; give a share of the limit in [0, 1)")
         self.head_start = float(head_start)

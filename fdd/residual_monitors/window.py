@@ -1,0 +1,81 @@
+"""Charts that test a window of values when it is full: the shared part."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fdd.records import FloatArray, IntArray
+from fdd.residual_monitors.chart import ALARM, CAP, CLIP, LEARNING, NO_DATA, QUIET, Chart, Verdicts
+
+
+class WindowChart(Chart):
+    """Windows side by side, tested one by one; the statistic is held until the next is full.
+
+    A window takes ``window`` values seen, closing up gaps: white noise with holes closed up is white noise. The phase
+    is learning until the first window is full. The onset is the beginning of the window that alarmed.
+    """
+
+    _state = ("values", "filled", "elapsed", "held", "pointed", "tested")
+
+    def __init__(self, limit: ArrayLike, *, window: int) -> None:
+        super().__init__(limit)
+        if window < 32:
+            raise ValueError(f"{self.kind} chart: window is {window}; give at least 32 values")
+        self.window = int(window)
+        self.values = np.zeros((self.n, self.window))
+        self.filled = np.zeros(self.n, dtype=np.int64)
+        self.elapsed = np.zeros(self.n, dtype=np.int64)
+        self.held = np.zeros(self.n)
+        self.pointed = np.zeros(self.n, dtype=np.int8)
+        self.tested = np.zeros(self.n, dtype=np.int8)
+
+    @abstractmethod
+    def _test(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Statistic and its direction for full windows, (rows, window) -> (rows,), (rows,)."""
+
+    def _step(self, z: FloatArray) -> Verdicts:
+        full = np.flatnonzero(_fill(z, self.values, self.filled, self.elapsed))
+        length = self.elapsed[full]
+        if full.size:
+            statistic, direction = self._test(self.values[full])
+            self.held[full] = np.minimum(statistic, CAP * self.limit[full])
+            self.pointed[full] = np.sign(direction)
+            self.tested[full] = 1
+            self.filled[full] = 0
+            self.elapsed[full] = 0
+        self.onset[self.latched == 1] += 1
+        new = full[(self.held[full] > self.limit[full]) & (self.latched[full] == 0)]
+        if new.size:
+            self.latched[new], self.side[new] = 1, self.pointed[new]
+            self.onset[new] = length[np.searchsorted(full, new)]
+        alarm = self.latched == 1
+        phase = np.where(self.tested == 1, QUIET, LEARNING)
+        phase = np.where(alarm, ALARM, np.where(np.isnan(z), NO_DATA, phase)).astype(np.uint8)
+        pointed: NDArray[np.int8] = np.where(alarm, self.side, self.pointed).astype(np.int8)
+        age: IntArray = self.onset.copy()
+        return Verdicts(phase, self.held.copy(), self.limit, pointed, age)
+
+    def _restart(self, rows: NDArray[np.bool_]) -> None:
+        for name in self._state:
+            getattr(self, name)[rows] = 0
+
+
+@numba.njit(cache=True)
+def _fill(z: FloatArray, values: FloatArray, filled: IntArray, elapsed: IntArray) -> NDArray[np.bool_]:
+    n, window = values.shape
+    full = np.zeros(n, dtype=np.bool_)
+    for i in range(n):
+        if filled[i] > 0:
+            elapsed[i] += 1
+        if np.isnan(z[i]):
+            continue
+        if filled[i] == 0:
+            elapsed[i] = 1
+        values[i, filled[i]] = min(max(z[i], -CLIP), CLIP)
+        filled[i] += 1
+        full[i] = filled[i] == window
+    return full
