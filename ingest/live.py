@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from queue import Empty, Full, Queue
 
 import numpy as np
@@ -20,14 +21,24 @@ _TOGETHER = 64
 _NOTES = 20
 
 
+@dataclass(frozen=True, slots=True)
+class Letter:
+    """A payload as it came; ``done`` is called once its samples are safe with the reader."""
+
+    payload: bytes
+    decode: Callable[[bytes], Message] = decode
+    done: Callable[[], None] | None = None
+
+
 class Inbox:
     """Payloads in, batches out: decoding, order, counters, resume position.
 
-    The transport's thread calls :meth:`receive`; it is held back while ``size`` messages wait.
+    The transport's thread calls :meth:`receive`; it is held back while ``size`` messages wait. A message is done with
+    when the reader asks for the batch after it, for by then a daemon has journaled it.
     """
 
     def __init__(self, size: int, until_end: bool) -> None:
-        self._queue: Queue[bytes] = Queue(size)
+        self._queue: Queue[Letter] = Queue(size)
         self._until_end = until_end
         self._ledger = Ledger()
         self._ended = False
@@ -41,11 +52,11 @@ class Inbox:
         self._ledger.restore(position or {})
         self._ended = bool(position and position.get("ended"))
 
-    def receive(self, payload: bytes) -> None:
-        """Take a payload from the transport; waits while the queue is full, unless stopped."""
+    def receive(self, letter: Letter) -> None:
+        """Take a message from the transport; waits while the queue is full, unless stopped."""
         while not self._stopped:
             try:
-                self._queue.put(payload, timeout=_POLL_SECONDS)
+                self._queue.put(letter, timeout=_POLL_SECONDS)
             except Full:
                 continue
             return
@@ -73,7 +84,7 @@ class Inbox:
         idle = 0.0
         while not self._stopped and not (self._ended and self._until_end):
             try:
-                payloads = [self._queue.get(timeout=_POLL_SECONDS)]
+                letters = [self._queue.get(timeout=_POLL_SECONDS)]
             except Empty:
                 idle += _POLL_SECONDS
                 if idle >= IDLE_SECONDS:
@@ -81,19 +92,22 @@ class Inbox:
                     yield _join([], self.position())
                 continue
             idle = 0.0
-            while len(payloads) < _TOGETHER:
+            while len(letters) < _TOGETHER:
                 try:
-                    payloads.append(self._queue.get_nowait())
+                    letters.append(self._queue.get_nowait())
                 except Empty:
                     break
-            yield from self._batches(payloads)
+            yield from self._batches(letters)
+            for letter in letters:
+                if letter.done:
+                    letter.done()
 
-    def _batches(self, payloads: list[bytes]) -> Iterator[Batch]:
+    def _batches(self, letters: list[Letter]) -> Iterator[Batch]:
         """One batch for each run of messages that name the same points."""
         together: list[Batch] = []
-        for payload in payloads:
+        for letter in letters:
             position = self.position()
-            message = self._accept(payload)
+            message = self._accept(letter)
             if message is None:
                 continue
             if together and together[0].names != message.batch.names:
@@ -104,13 +118,13 @@ class Inbox:
         # Also when all were repeated or ended: the position has moved.
         yield _join(together, self.position())
 
-    def _accept(self, payload: bytes) -> Message | None:
+    def _accept(self, letter: Letter) -> Message | None:
         self.received += 1
         try:
-            message = decode(payload)
+            message = letter.decode(letter.payload)
         except MalformedMessage as error:
             self._malformed += 1
-            self._note(f"malformed message: {error}; it starts {payload[:80]!r}")
+            self._note(f"malformed message: {error}; it starts {letter.payload[:80]!r}")
             return None
         self._ended |= message.end
         lost = self._ledger.lost

@@ -9,7 +9,7 @@ import structlog
 
 from fdd.config.base import SourceOptions
 from fdd.records import Batch, JsonObject
-from ingest.live import Inbox
+from ingest.live import Inbox, Letter
 from ingest.source import Context
 from ingest.zenoh.advanced import declare_subscriber, open_session
 from ingest.zenoh.options import ZenohOptions
@@ -41,7 +41,10 @@ class ZenohSource:
         """
         self._inbox.restore(position)
         self._session = open_session(self._options, self._context.folder)
-        self._declared = declare_subscriber(self._session, self._options.key, self._inbox.receive, self._present)
+        self._declared = declare_subscriber(self._session, self._options.key, self._receive, self._present)
+
+    def _receive(self, payload: bytes) -> None:
+        self._inbox.receive(Letter(payload))
 
     def _present(self, publisher: str, here: bool) -> None:
         if here:
