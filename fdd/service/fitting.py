@@ -9,7 +9,6 @@ from rich.console import Console
 from rich.progress import Progress
 
 from fdd.greybox.fit import FitResult
-from fdd.greybox.validate import write_validation
 from fdd.records import Baseline
 from fdd.service.baselines import accept
 from fdd.service.errors import UsageError
@@ -79,8 +78,6 @@ def fit_site(
         raise UsageError("nothing could be fitted\n  " + "\n  ".join(failures))
     for failure in failures:
         console.print(f"[yellow]not fitted:[/yellow] {failure}")
-    if html:
-        write_validation(html, [(f.baseline.component, f.result) for f in fitted])
     return fitted
 
 

@@ -9,6 +9,7 @@ from types import FrameType
 
 import structlog
 
+from fdd.config import Site
 from fdd.service.checkpoint import Checkpoint
 from fdd.service.daemon import Daemon
 from fdd.service.errors import UsageError
@@ -34,7 +35,8 @@ def run_site(site_file: Path, *, until_end: bool, fresh: bool) -> Daemon:
         for suffix in ("", "-wal", "-shm"):
             Path(f"{opened.checkpoint_path}{suffix}").unlink(missing_ok=True)
     engine = ready_engine(opened)
-    checkpoint, store, feed = Checkpoint(opened.checkpoint_path), opened.store(), Feed(opened.site)
+    site = _ending(opened.site) if until_end else opened.site
+    checkpoint, store, feed = Checkpoint(opened.checkpoint_path), opened.store(), Feed(site)
     daemon = Daemon(engine, store, checkpoint)
     _stop_on_signals(feed)
     feed.open(daemon.recover() or None, patient=True)
@@ -51,6 +53,14 @@ def run_site(site_file: Path, *, until_end: bool, fresh: bool) -> Daemon:
         store.close()
         checkpoint.close()
     return daemon
+
+
+def _ending(site: Site) -> Site:
+    """The site with live sources that stop where their stream says that it has ended."""
+    sources = tuple(
+        s.model_copy(update={"until_end": True}) if "until_end" in type(s).model_fields else s for s in site.sources
+    )
+    return site.model_copy(update={"sources": sources})
 
 
 def _stop_on_signals(feed: Feed) -> None:

@@ -1,0 +1,5 @@
+"""``python -m fdd`` is the command ``fdd``."""
+
+from fdd.cli import main
+
+main()
