@@ -156,6 +156,7 @@ _PARAMETERS = (("dS", "W/K"), ("Q_leak", "W"), ("R", "K/W"))
 _Y = ((1.0, {"Q": 1, "T_chi": 1}), (1.0, {"E": 1, "T_chi": 1}), (-1.0, {"Q": 1, "T_cdi": 1}))
 _X1 = ((1.0, {"T_chi": 1, "T_cdi": 1}),)
 _X2 = ((1.0, {"T_cdi": 1}), (-1.0, {"T_chi": 1}))
+_X4 = ((1.0, {"Q": 2, "V": -1}), (1.0, {"Q": 1, "E": 1, "V": -1}))
 _X3 = ((1.0, {"Q": 2}), (1.0, {"Q": 1, "E": 1}))
 
 DIVISION_FREE = _form("division-free", BASE, _PARAMETERS, (_Y, _X1, _X2, _X3))
@@ -178,7 +179,7 @@ VARIABLE_FLOW = _form(
     "variable condenser flow",
     (*BASE, "V"),
     (*_PARAMETERS, ("R_flow", "K/W")),
-    (_Y, _X1, _X2, _X3, ((1.0, {"Q": 2, "V": -1}), (1.0, {"Q": 1, "E": 1, "V": -1}))),
+    (_Y, _X1, _X2, _X3, _X4),
 )
 """R(V) = R + R_flow / V with V the condenser flow relative to nominal [1] as a fifth sensor.
 
@@ -206,11 +207,28 @@ def variable_speed_by_load(reference_load: float) -> Form:
     ----------
     reference_load : load at full speed [W], usually the rated capacity; it only scales ``dS_speed``
     """
-    if not reference_load > 0:
-        raise ChillerError(f"the reference load must be positive; got {reference_load!r} W: give the rated capacity")
     return _form(
         "variable speed by load",
         BASE,
         (*_PARAMETERS, ("dS_speed", "W/K")),
-        (_Y, _X1, _X2, _X3, ((1.0 / reference_load, {"T_chi": 1, "T_cdi": 1, "Q": 1}),)),
+        (_Y, _X1, _X2, _X3, _speed_by_load(reference_load)),
     )
+
+
+def variable_flow_and_speed_by_load(reference_load: float) -> Form:
+    """Variable condenser flow (V measured) and variable speed (by load) together; five parameters.
+
+    For the prediction of power; five parameters are rarely identifiable one by one.
+    """
+    return _form(
+        "variable condenser flow and speed by load",
+        (*BASE, "V"),
+        (*_PARAMETERS, ("R_flow", "K/W"), ("dS_speed", "W/K")),
+        (_Y, _X1, _X2, _X3, _X4, _speed_by_load(reference_load)),
+    )
+
+
+def _speed_by_load(reference_load: float) -> tuple[tuple[float, dict[str, int]], ...]:
+    if not reference_load > 0:
+        raise ChillerError(f"the reference load must be positive; got {reference_load!r} W: give the rated capacity")
+    return ((1.0 / reference_load, {"T_chi": 1, "T_cdi": 1, "Q": 1}),)

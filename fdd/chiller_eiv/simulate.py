@@ -90,32 +90,34 @@ def operate(
     model_error: float = 0.0,
     fault: Fault = healthy,
     step_hours: float = 1.0,
+    first_day: int = 0,
 ) -> Operation:
     """Simulate the laboratory machine serving a building through the seasons.
 
     Condenser water follows the wet-bulb temperature (season, day, weather), the load follows outdoor temperature and
-    occupancy between 40 and 100 % of capacity, the chilled water is reset with the load.
+    occupancy between 40 and 100 % of capacity; the chilled water leaves near 7 degC and so returns warmer with load.
 
     Parameters
     ----------
     days, step_hours : length and sampling
     noise : multiple of ``LAB_SIGMA``
     model_error : standard deviation of a slow multiplicative error of power [1], correlation time 50 h
-    fault : factors by day
+    fault : factors by day, counted from the start
+    first_day : day of the year the simulation starts on
     """
     rng = np.random.default_rng(seed)
     per_day = round(24 / step_hours)
     n = days * per_day
     day = np.arange(n) / per_day
     hour = 24 * (day % 1)
-    season = np.sin(2 * np.pi * (day / 365 - 0.3))
+    season = np.sin(2 * np.pi * ((day + first_day) / 365 - 0.3))
     decay = np.exp(-step_hours / 30)
     weather = autocorrelated(rng, n, decay, 1.0)
-    T = 298.15 + 4.0 * season + 1.0 * np.sin(2 * np.pi * (hour - 9) / 24) + 1.5 * weather
+    T = 300.65 + 3.5 * season + 1.0 * np.sin(2 * np.pi * (hour - 9) / 24) + 1.2 * weather
     busy = np.where((hour > 7) & (hour < 19), 1.0, 0.0)
-    share = 0.58 + 0.08 * season + 0.22 * busy + 0.06 * weather + 0.05 * rng.standard_normal(n)
+    share = 0.6 + 0.08 * season + (0.2 + 0.05 * season) * busy + 0.05 * weather + 0.05 * rng.standard_normal(n)
     share = np.clip(share, 0.4, 1.0)
-    C = 284.15 + 1.5 * (0.7 - share) * 4 + 0.8 * autocorrelated(rng, n, 0.8, 1.0)
+    C = 280.65 + 5.0 * share + 0.8 * autocorrelated(rng, n, 0.8, 1.0)
     factor_dS, factor_R, more_leak = fault(day)
     Q = share * capacity(T, C)
     p = LAB_CHILLER
@@ -125,3 +127,25 @@ def operate(
     truth = np.stack([T, C, Q, E], axis=1)
     x = truth + noise * LAB_SIGMA * rng.standard_normal(truth.shape)
     return Operation((day * 24 * HOUR).astype(np.int64), x, truth)
+
+
+def raw_week(
+    operation: Operation, machine_seed: int, *, samples: int = 2016, noise: float = 1.0
+) -> dict[str, FloatArray]:
+    """Five-minute raw readings of a laboratory machine for the steady-state detector [degC, kg/s, W].
+
+    Each hour of ``operation`` is held for twelve samples, so that the load steps and most of each hour is steady; flow
+    is constant at 0.5 kg/s and the leaving water follows from the load.
+    """
+    rng = np.random.default_rng(machine_seed)
+    hours = operation.truth[np.arange(samples) // 12]
+    T, C, Q, E = hours.T
+    flow = np.full(samples, 0.5)
+    n = noise * rng.standard_normal((5, samples))
+    return {
+        "T_cdi": T - 273.15 + 0.05 * n[0],
+        "T_chi": C - 273.15 + 0.05 * n[1],
+        "T_cho": C - 273.15 - Q / (flow * 4190.0) + 0.05 * n[2],
+        "flow_ch": flow * (1 + 0.005 * n[3]),
+        "power": E * (1 + 0.002 * n[4]),
+    }

@@ -323,7 +323,7 @@ def _scan(
             reason[i] = 10
             start = -1
             continue
-        if i > 0 and time[i] - began < settling:
+        if time[i] - began < settling:
             reason[i] = 2
             start = -1
             continue
