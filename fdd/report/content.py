@@ -20,7 +20,7 @@ from fdd.report.monitoring import (
     watch,
 )
 from fdd.report.site import ComponentInfo, OutputInfo, ParameterInfo, ReportError, SiteInfo
-from fdd.report.words import DAY, interval, local_day, quantity
+from fdd.report.words import DAY, inside, interval, local_day, quantity
 from fdd.store.store import Store
 
 __all__ = [
@@ -226,7 +226,7 @@ def _actions(findings: Sequence[Finding], blind: Sequence[Unmonitored], most: in
         for f, queue in zip(urgent, queues, strict=True):
             if queue and len(actions) < most:
                 item = queue.pop(0)
-                why = f"suspected: {f.causes[0].meaning}" if f.causes else f.summary
+                why = f"suspected: {inside(f.causes[0].meaning)}" if f.causes else f.summary
                 actions.append(Action(item.do, item.expect, _place(f.info), why, f.anchor))
     if not urgent:
         everything = [u for u in blind if u.what in ("everything", "the end of the period")]

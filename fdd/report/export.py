@@ -101,6 +101,16 @@ def _finding(f: Finding, report: Report) -> dict[str, Any]:
             for c in f.causes
         ],
         "checks": [{"do": c.do, "expect": c.expect or None} for c in f.checks],
+        "signals": [
+            {
+                "chart": s.name,
+                "what": s.words,
+                "direction": s.direction,
+                "raised_utc": _utc(s.raised),
+                "times_limit": s.ratio if s.ratio == s.ratio else None,
+            }
+            for s in f.signals
+        ],
         "readings": [
             {"what": r.meaning, "point": r.point, "unit": r.unit, "measured": r.measured, "expected": r.expected}
             for r in f.readings

@@ -21,7 +21,6 @@ from fdd.report.words import (
     names_in_words,
     percent,
     quantity,
-    scale,
     sentence,
     split_chart,
 )
@@ -104,6 +103,7 @@ class Finding:
     summary: str
     certainty: tuple[str, ...]
     cost: str
+    cost_detail: str
     cost_value: float | None
     causes: tuple[Cause, ...]
     checks: tuple[Check, ...]
@@ -152,7 +152,7 @@ def finding(alarm: Alarm, site: SiteInfo, evidence: Evidence, suppressed: Sequen
     info = site.component(alarm.component)
     signals = _signals(alarm, info, evidence)
     causes = tuple(_cause(c, alarm.component, info) for c in alarm.causes)
-    cost, cost_words = _cost(alarm.evidence, site)
+    cost, cost_words, cost_detail = _cost(alarm.evidence, site)
     return Finding(
         key=alarm.key,
         component=alarm.component,
@@ -165,6 +165,7 @@ def finding(alarm: Alarm, site: SiteInfo, evidence: Evidence, suppressed: Sequen
         summary=_summary(alarm, info),
         certainty=_certainty(alarm, causes, signals, evidence, site, end),
         cost=cost_words,
+        cost_detail=cost_detail,
         cost_value=cost,
         causes=causes,
         checks=tuple(check(c) for c in alarm.checks),
@@ -281,25 +282,26 @@ def _readings(info: ComponentInfo, evidence: Evidence, end: int) -> tuple[Readin
     return tuple(found)
 
 
-def _cost(evidence: JsonObject, site: SiteInfo | None = None) -> tuple[float | None, str]:
-    """Cost a day from the alarm's evidence: ``cost_per_day``, a number or {value, lower, upper, basis}; and power."""
+def _cost(evidence: JsonObject, site: SiteInfo | None = None) -> tuple[float | None, str, str]:
+    """Value, words and detail of the cost a day from the alarm's evidence.
+
+    ``cost_per_day`` is a number or {value, lower, upper, basis, currency}; without it ``power_W`` is told.
+    """
     cost = evidence.get("cost_per_day")
     table: Mapping[str, Any] = cost if isinstance(cost, Mapping) else {"value": cost}
     value = table.get("value")
-    currency = str(table.get("currency") or (site.currency if site else "EUR"))
-    words = ""
     if value is not None and np.isfinite(float(value)):
-        words = f"{float(value):.2f} {currency} a day"
+        currency = str(table.get("currency") or (site.currency if site else "EUR"))
+        detail = []
         if table.get("lower") is not None and table.get("upper") is not None:
-            words += f" (between {float(table['lower']):.2f} and {float(table['upper']):.2f})"
+            detail.append(f"between {float(table['lower']):.2f} and {float(table['upper']):.2f}")
         if table.get("basis"):
-            words += f"; {table['basis']}"
-        return float(value), words
+            detail.append(str(table["basis"]))
+        return float(value), f"{float(value):.2f} {currency} a day", "; ".join(detail)
     power = evidence.get("power_W")
     if power is not None:
-        factor, shown = scale("W", float(power))
-        return None, f"{float(power) * factor:.2f} {shown} of extra power; no price is known"
-    return None, ""
+        return None, f"{quantity(float(power), 'W')} of extra power", "no price is known"
+    return None, "", ""
 
 
 def _entry(entry: JsonObject, component: str, info: ComponentInfo, site: SiteInfo) -> Entry:

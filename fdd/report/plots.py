@@ -162,12 +162,13 @@ def _binned(trace: Trace, bins: int = BINS) -> _Binned:
     good = np.isfinite(trace.measured) & np.isfinite(trace.predicted)
     index, inverse = np.unique(group[good], return_inverse=True)
     count = np.bincount(inverse).astype(np.float64)
+    full = count >= 0.5 * np.median(count)  # the last span may hold few values, and would draw a spike in the band
 
     def mean(values: FloatArray) -> FloatArray:
-        return np.bincount(inverse, values[good]) / count
+        return (np.bincount(inverse, values[good]) / count)[full]
 
-    middle = trace.time[0] + index * width + width // 2
-    return _Binned(middle, mean(trace.measured), mean(trace.predicted), mean(trace.sd), count, width)
+    middle = trace.time[0] + index[full] * width + width // 2
+    return _Binned(middle, mean(trace.measured), mean(trace.predicted), mean(trace.sd), count[full], width)
 
 
 def _gaps(time: IntArray, *values: FloatArray) -> tuple[FloatArray, ...]:

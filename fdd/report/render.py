@@ -66,6 +66,7 @@ def render_html(report: Report) -> str:
         watched=_watched(report),
         watched_time=duration(round(report.budget.years * 365.25 * 86400e9)) if report.budget else "",
         enough=percent(ENOUGH),
+        unmonitored=_alike(report),
         figures=_figures(report),
         timing=lambda f: timing(f, site, report.end or 0),
         alt=lambda p, f: alt(p, f, site),
@@ -81,6 +82,14 @@ def _figures(report: Report) -> dict[str, list[Plot]]:
     illustrated = report.findings[:MOST_ILLUSTRATED]
     drawn = {f.key: plots(f, report.site, report.start, report.end) for f in illustrated}
     return {f.key: drawn.get(f.key, []) for f in report.findings}
+
+
+def _alike(report: Report) -> dict[tuple[str, str, str], list[str]]:
+    """Equipment that is not monitored for the same reason, together."""
+    groups: dict[tuple[str, str, str], list[str]] = {}
+    for u in report.unmonitored:
+        groups.setdefault((u.what, u.why, u.remedy), []).append(u.title)
+    return groups
 
 
 def _period(report: Report) -> str:

@@ -181,6 +181,11 @@ def _replace(pattern: str, words: str, text: str) -> str:
     return re.sub(pattern, lambda _: words, text)
 
 
+def inside(text: str) -> str:
+    """A sentence as it stands inside another: its capital goes, unless it begins an abbreviation."""
+    return text[:1].lower() + text[1:] if text[1:2].islower() or text[1:2] == " " else text
+
+
 def sentence(text: str) -> str:
     """With a capital at the start and a full stop at the end."""
     text = text.strip()

@@ -140,7 +140,7 @@ def test_readings_compare_measured_with_expected_over_the_last_day(report: Repor
 
 
 def test_cost_is_given_with_its_interval_and_said_to_be_unknown_otherwise(html: str) -> None:
-    assert "14.20 EUR a day (between 9.80 and 18.90)" in text(html)
+    assert "14.20 EUR a day between 9.80 and 18.90" in text(html)
     assert "no estimate for this fault" in text(html)
 
 
