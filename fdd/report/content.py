@@ -227,7 +227,8 @@ def _actions(findings: Sequence[Finding], blind: Sequence[Unmonitored], most: in
             if queue and len(actions) < most:
                 item = queue.pop(0)
                 why = f"suspected: {inside(f.causes[0].meaning)}" if f.causes else f.summary
-                actions.append(Action(item.do, item.expect, _place(f.info), why, f.anchor))
+                told = any(a.anchor == f.anchor for a in actions)
+                actions.append(Action(item.do, item.expect, _place(f.info), "" if told else why, f.anchor))
     if not urgent:
         everything = [u for u in blind if u.what in ("everything", "the end of the period")]
         actions = [Action(u.remedy, "", u.title, f"Not monitored: {u.why}.") for u in everything[:most]]

@@ -17,6 +17,8 @@ from fdd.report.words import (
     chart_words,
     duration,
     in_words,
+    inside,
+    listed,
     local,
     names_in_words,
     percent,
@@ -181,8 +183,22 @@ def finding(alarm: Alarm, site: SiteInfo, evidence: Evidence, suppressed: Sequen
 
 
 def _summary(alarm: Alarm, info: ComponentInfo) -> str:
+    """What departs and to which side, and the likeliest cause; the service's own sentence where charts give no side."""
+    sides: dict[int, list[str]] = {1: [], -1: []}
+    for name, numbers in alarm.evidence.get("charts", {}).items():
+        meaning = info.meaning(str(numbers.get("symbol") or split_chart(name)[0]))
+        sides.get(int(numbers.get("direction", 0)), []).append(meaning)
+    parts = [f"{listed(what)} higher" for what in [sides[1]] if what]
+    parts += [f"{listed(what)} lower" for what in [sides[-1]] if what]
+    if parts:
+        likely = f" Most likely {inside(str(alarm.causes[0]['meaning']))}" if _has_meaning(alarm) else ""
+        return sentence(f"{', and '.join(parts)} than its healthy model expects.{likely}")
     text = alarm.summary.removeprefix(f"{alarm.component}: ")
     return sentence(in_words(text, alarm.component, info)) or "It no longer behaves as its healthy model expects."
+
+
+def _has_meaning(alarm: Alarm) -> bool:
+    return bool(alarm.causes and alarm.causes[0].get("meaning"))
 
 
 def check(item: str | Mapping[str, Any]) -> Check:
@@ -238,6 +254,7 @@ def _certainty(
             f"limit{strongest}. Limits allow {budget} for the whole plant."
         )
     lines += _departures(alarm, site.component(alarm.component), evidence, end)
+    lines += _changes(alarm, site.component(alarm.component))
     if causes and np.isfinite(causes[0].likelihood):
         p = causes[0].likelihood
         word = "probable" if p >= 0.6 else "the likeliest, not certain" if p >= 0.35 else "one of several that fit"
@@ -266,6 +283,26 @@ def _departures(alarm: Alarm, info: ComponentInfo, evidence: Evidence, end: int)
             f"(a single reading may be off by {quantity(sd, output.unit, difference=True)})."
         )
     return list(dict.fromkeys(lines))
+
+
+def _changes(alarm: Alarm, info: ComponentInfo) -> list[str]:
+    """How far parameters have moved, where their charts could tell (``change``, ``standard_error``, ``scale``)."""
+    lines = []
+    for name, numbers in alarm.evidence.get("charts", {}).items():
+        symbol = str(numbers.get("symbol") or split_chart(name)[0])
+        change, error = numbers.get("change"), numbers.get("standard_error")
+        if symbol not in info.parameters or change is None or error is None:
+            continue
+        described, side = info.parameters[symbol], "above" if change > 0 else "below"
+        if numbers.get("scale") == "relative":
+            size, spread = (f"{100 * x:.2g} %" for x in (abs(change), 1.96 * error))
+        else:
+            size, spread = (quantity(x, described.unit, difference=True) for x in (abs(change), 1.96 * error))
+        lines.append(
+            f"When its chart passed the limit, the {described.meaning} was estimated {size} {side} its baseline "
+            f"(give or take {spread}), if it alone has changed."
+        )
+    return lines
 
 
 def _readings(info: ComponentInfo, evidence: Evidence, end: int) -> tuple[Reading, ...]:

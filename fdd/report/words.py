@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from datetime import datetime
 from zoneinfo import ZoneInfo
 
@@ -179,6 +180,12 @@ def names_in_words(text: str, site: SiteInfo) -> str:
 
 def _replace(pattern: str, words: str, text: str) -> str:
     return re.sub(pattern, lambda _: words, text)
+
+
+def listed(items: Sequence[str]) -> str:
+    """One, two and three."""
+    unique = list(dict.fromkeys(items))
+    return " and ".join([", ".join(unique[:-1]), unique[-1]]) if len(unique) > 1 else "".join(unique)
 
 
 def inside(text: str) -> str:

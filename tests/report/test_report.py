@@ -131,6 +131,28 @@ def test_departure_since_onset_is_that_of_the_rows(report: Report, month: tuple[
     assert any(f"{mean:.2f} K above" in line for line in finding.certainty)
 
 
+def test_summary_groups_what_is_higher_and_what_is_lower(report: Report) -> None:
+    assert report.findings[0].summary == (
+        "Outlet temperature of the hot side higher, and outlet temperature of the cold side lower than its healthy "
+        "model expects. Most likely deposits on the plates: less heat passes at the same flows."
+    )
+
+
+def test_change_of_a_parameter_is_told_with_its_interval(store: SqliteStore) -> None:
+    document = plant.alarm("substation-hx", {})
+    numbers = {"symbol": "C_hot", "statistic": 11.0, "limit": 10.0, "direction": -1}
+    numbers |= {"change": -0.12, "standard_error": 0.01, "scale": "relative"}
+    document["evidence"] = {"charts": {"substation-hx/C_hot:score": numbers}, "points": []}
+    document["charts"] = ["substation-hx/C_hot:score"]
+    store.put("alarm", document["key"], document)
+    (finding,) = gather(store, plant.site(1)).findings
+    assert any(
+        "film coefficient of the hot side at 1 kg/s was estimated 12 % below its baseline (give or take 2 %)" in line
+        for line in finding.certainty
+    )
+    assert finding.signals[0].words.startswith("Parameter drift chart (score CUSUM) of film coefficient")
+
+
 def test_readings_compare_measured_with_expected_over_the_last_day(report: Report) -> None:
     hot, cold = report.findings[0].readings
     assert (hot.point, cold.point) == ("hx.T_hot_out", "hx.T_cold_out")
