@@ -55,17 +55,19 @@ class Layout:
 
     @property
     def nz(self) -> int:
+        """States and packed covariance."""
         return self.n + self.n * (self.n + 1) // 2
 
     @property
     def offsets(self) -> dict[str, int]:
+        """Where each array starts."""
         n, K, nz, q = self.n, self.K, self.nz, self.outputs
         sizes = {"X": n, "P": nz - n, "T": nz * K, "STARTED": 1, "UPREV": self.inputs}
         if self.variant.method == "exact":
             sizes |= {"KEY": 1 + self.varying}
             for name in ("AD", "PH", "PH2", "QD"):
                 sizes |= {name: n * n, "T" + name: n * n * K}
-        sizes |= {"PERSISTENT": 0, "DE": q * K, "DS": q * K, "DG": n * K, "XP": n, "TXP": n * K}
+        sizes |= {"PERSISTENT": 0, "DE": q * K, "DS": q * K, "DG": n * K, "G": n, "TXP": n * K}
         if self.variant.method == "exact":
             for name in ("A", "Q", "X1", "X2", "Y1", "Y2"):
                 sizes |= {name: n * n, "T" + name: n * n * K}
@@ -87,6 +89,7 @@ class Constants:
         self.extra: list[Expr] = []
 
     def slot(self, e: Expr) -> int:
+        """Its place in ``c``."""
         if e.index not in self.slots:
             self.slots[e.index] = len(self.slots)
             self.extra.append(e)
@@ -160,18 +163,21 @@ class Generator:
         """The whole module."""
         functions = [self.start(), self.predict(), *self.update()]
         head = [f"{name} = {value}" for name, value in self.at.items()]
-        head += [
-            f"N = {self.n}", f"NZ = {self.nz}", f"K = {self.K}", f"NP = {self.layout.parameters}",
-            f"NU = {self.layout.inputs}", f"FIRST = {self.variant.hold == 'first'}", f"NY = {self.layout.outputs}", f"NC = {len(self.constants.slots)}",
-        ]  # fmt: skip
+        sizes = {
+            "N": self.n, "NZ": self.nz, "K": self.K, "NP": self.layout.parameters, "NU": self.layout.inputs,
+            "NY": self.layout.outputs, "NC": len(self.constants.slots), "FIRST": self.variant.hold == "first",
+        }  # fmt: skip
+        head += [f"{name} = {value}" for name, value in sizes.items()]
         parts = [templates.HEADER, "\n".join(head), self.prepare()]
         if self.variant.method == "exact":
             parts.append(templates.discretise(tangents=self.K > 0))
-        parts += functions + [templates.loops(tangents=self.K > 0)]
+        parts.append(templates.update(tangents=self.K > 0))
+        parts += [*functions, templates.loops(tangents=self.K > 0)]
         return "\n\n".join(parts) + "\n"
 
     # Names
     def pk(self, i: int, j: int) -> int:
+        """Packed position of covariance element (i, j)."""
         return packed(i, j, self.n)
 
     def _states(self, prefix: str) -> dict[int, str]:
@@ -191,6 +197,7 @@ class Generator:
 
     # Functions
     def prepare(self) -> str:
+        """What depends on parameters only."""
         names = {p.index: f"c[{i}]" for i, p in enumerate(self.s.p)}
         scope = Scope(names, "q", self.constants)
         scope.level = Level.CONSTANT
@@ -202,6 +209,7 @@ class Generator:
         ])  # fmt: skip
 
     def start(self) -> str:
+        """Start values, their variances and tangents."""
         top, middle = self._scopes("u")
         body = middle.inner({y.index: f"y[{j}]" for j, y in enumerate(self.s.y)}, "v")
         tail = [f"w[X + {i}] = {body(e)}" for i, e in enumerate(self.s.x0)]
@@ -218,6 +226,7 @@ class Generator:
         return "\n".join(["@jit", "def start(w, c, u, y):", *indent(lines)])
 
     def predict(self) -> str:
+        """From one sample to the next."""
         lines = self._predict_exact() if self.variant.method == "exact" else self._predict_rk4()
         return "\n".join(["@jit", "def predict(w, c, dt, u0, u1, n):", *indent(lines)])
 
@@ -245,7 +254,7 @@ class Generator:
         return [*lines, *start, f"n = substeps(small * {dt})", "if n < 0:", "    return n"]
 
     def _predict_rk4(self) -> list[str]:
-        n, nz = self.n, self.nz
+        nz = self.nz
         first = self.variant.hold == "first"
         top, middle = self._scopes("u0")
         choose = (top if first else middle).inner(self._states("x") | (self._inputs("u0") if first else {}), "j")
@@ -317,7 +326,7 @@ class Generator:
 
     def tangent_rows(self, scope: Scope, values: Sequence[Expr], by: Sequence[Expr], rows: Sequence[int], to: int,
                      add: bool = False) -> list[str]:  # fmt: skip
-        """Rows d value = sum (d value / d by) d by + d value / d p: a vector loop each; coefficients go to the scope."""
+        """Rows d value = sum (d value / d by) d by + d value / d p, a loop each; coefficients go to the scope."""
         g, K, lines = self.s.graph, self.K, []
         for i, e in enumerate(values):
             o = to + i * K
@@ -339,7 +348,7 @@ class Generator:
     def _predict_exact(self) -> list[str]:
         n, K, at, s = self.n, self.K, self.at, self.s
         top, middle = self._scopes("u0")
-        key = [f"w[KEY] != dt", *(f"w[KEY + {i + 1}] != u0[{v}]" for i, v in enumerate(s.varying))]
+        key = ["w[KEY] != dt", *(f"w[KEY + {i + 1}] != u0[{v}]" for i, v in enumerate(s.varying))]
         fresh_top, fresh = self._scopes("u0")
         entries = [f"w[A + {i * n + j}] = {fresh(s.A[i][j])}" for i in range(n) for j in range(n)]
         entries += [f"w[Q + {i * n + i}] = {fresh(s.q[i])}" for i in range(n)]
@@ -450,27 +459,12 @@ class Generator:
         lines += ["if not (s > 0.0 and s < inf):", "    return 7"]
         lines += [f"o[{2 * q + j}] = e", f"o[{3 * q + j}] = s", "i = 1.0 / s", "ei = e * i", *tangent]
         if K:
-            lines += self._update_tangents(j)
+            lines += [f"w[{at['G']} + {a}] = g{a}" for a in range(n)]
+            lines.append(f"update_tangents(w, {at['G']}, {at['DE'] + j * K}, {at['DS'] + j * K}, i, ei)")
         lines += [f"x{i} = x{i} + g{i} * ei" for i in range(n)]
         for a in range(n):
             lines.append(f"gi = g{a} * i")
             lines += [f"x{n + self.pk(a, b)} = x{n + self.pk(a, b)} - gi * g{b}" for b in range(a, n)]
-        return lines
-
-    def _update_tangents(self, j: int) -> list[str]:
-        """d(x + g e/s) and d(P - g g'/s) from the rows of dg, de, ds."""
-        n, K, at, lines = self.n, self.K, self.at, []
-        de, ds = at["DE"] + j * K, at["DS"] + j * K
-        for a in range(n):
-            row, dg = at["T"] + a * K, at["DG"] + a * K
-            lines += [f"gi = g{a} * i", "gs = gi * ei", f"for k in range({K}):"]
-            lines.append(f"    w[{row} + k] += ei * w[{dg} + k] + gi * w[{de} + k] - gs * w[{ds} + k]")
-        for a in range(n):
-            for b in range(a, n):
-                row = at["T"] + (n + self.pk(a, b)) * K
-                ga, gb = at["DG"] + a * K, at["DG"] + b * K
-                lines += [f"ga = g{a} * i", f"gb = g{b} * i", "gs = ga * gb", f"for k in range({K}):"]
-                lines.append(f"    w[{row} + k] += gs * w[{ds} + k] - gb * w[{ga} + k] - ga * w[{gb} + k]")
         return lines
 
 

@@ -144,9 +144,11 @@ def substitute(a: Expr, values: Mapping[int, Expr]) -> Expr:
 
 def _rebuild(e: Expr, args: tuple[Expr, ...]) -> Expr:
     g = e.graph
-    builders = {"add": g.add, "sub": g.sub, "mul": g.mul, "div": g.div, "pow": g.pow, "neg": g.neg}
-    if e.op in builders:
-        return builders[e.op](*args)
+    binary = {"add": g.add, "sub": g.sub, "mul": g.mul, "div": g.div, "pow": g.pow}
+    if e.op in binary:
+        return binary[e.op](args[0], args[1])
+    if e.op == "neg":
+        return g.neg(args[0])
     return g.make(e.op, args) if e.op in ("lt", "le", "gt", "ge") else g.call(e.op, args)
 
 
@@ -160,8 +162,9 @@ def _check(s: System) -> None:
             seen = sorted(states[i] for i in row.symbols if i in states)
             if seen:
                 raise ModelError(
-                    f"{s.model.name}: {equation} of {symbol} depends on state {', '.join(seen)} (`{text(row)}`). The filter "
-                    "takes noise that depends on inputs and parameters only: transform the state (Lamperti) so that it does"
+                    f"{s.model.name}: {equation} of {symbol} depends on state {', '.join(seen)} (`{text(row)}`). "
+                    "The filter takes noise that depends on inputs and parameters only: "
+                    "transform the state (Lamperti) so that it does"
                 )
     for row, symbol in zip(s.r, (q.symbol for q in s.model.outputs), strict=True):
         if row is s.graph.zero:

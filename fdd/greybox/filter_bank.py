@@ -57,9 +57,9 @@ class FilterBank:
     ----------
     model : the component model
     parameters : shape (n, n_p), natural scale, in the order of ``model.parameters``
-    score : also compute score and information of every sample. The score is -sum(w e / S) with w = d innovation / d theta,
-        theta on the declared transform scale; the term with the derivative of S is left out on purpose, because without
-        it the score keeps mean zero when the noise is wrong and the physics right.
+    score : also compute score and information of every sample. The score is -sum(w e / S), w = d innovation / d theta,
+        theta on the declared transform scale; the term with the derivative of S is left out on purpose, because
+        without it the score keeps mean zero when the noise is wrong and the physics right.
 
     Raises
     ------
@@ -167,7 +167,7 @@ class FilterBank:
         spare.step(np.ones(n), np.zeros((n, m)), np.zeros((n, q)), np.zeros(n, dtype=np.bool_))
 
     def export_state(self) -> dict[str, Any]:
-        """Plain data: arrays and JSON scalars. The cached discretisation is part of it, so that a restart changes no bit."""
+        """Plain data: arrays and JSON scalars, with the cached discretisation, so that a restart changes no bit."""
         return {
             "schema": SCHEMA,
             "model": self.model.name,
@@ -194,7 +194,8 @@ class FilterBank:
         for key, value in expected.items():
             if state.get(key) != value:
                 raise ValueError(
-                    f"filter state has {key} {state.get(key)!r}, this bank {value!r}; start the filters anew instead of restoring"
+                    f"filter state has {key} {state.get(key)!r}, this bank {value!r}; "
+                    "start the filters anew instead of restoring"
                 )
         array = np.array(state["state"], dtype=np.float64)
         if array.shape != self._state.shape:

@@ -60,6 +60,7 @@ class Objective:
         return np.array([to_scale(q, values[k]) for q, k in zip(self.rows, self.free, strict=True)])
 
     def __call__(self, theta: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Value, gradient and information at the free parameters on the transform scale."""
         values = self.natural(theta)
         e = self.likelihood.evaluate(values)
         self.reason = e.reason
@@ -121,10 +122,14 @@ def fit(
     likelihood = Likelihood(model, records, method=method, substeps=substeps, huber=huber)
     held = dict(fixed or {})
     values = _start_values(model, start, held, priors or {})
-    free = np.array([k for k, q in enumerate(model.parameters) if q.symbol not in held and q.lower < q.upper], dtype=np.int64)
+    free = np.array(
+        [k for k, q in enumerate(model.parameters) if q.symbol not in held and q.lower < q.upper], dtype=np.int64
+    )
     samples = sum(int(np.isfinite(d.y).sum()) for d in records)
     if samples <= len(free):
-        raise DataError(f"{model.name}: {samples} measured values for {len(free)} free parameters; give more data or fix some")
+        raise DataError(
+            f"{model.name}: {samples} measured values for {len(free)} free parameters; give more data or fix some"
+        )
     objective = Objective(likelihood, values, free, priors or {})
     if not math.isfinite(likelihood.value(values)):
         reason = likelihood.evaluate(values).reason
@@ -134,20 +139,25 @@ def fit(
 
 
 def _start_values(
-    model: ComponentModel, start: Mapping[str, float] | FitResult | None, fixed: dict[str, float], priors: Mapping[str, Prior]
+    model: ComponentModel,
+    start: Mapping[str, float] | FitResult | None,
+    fixed: dict[str, float],
+    priors: Mapping[str, Prior],
 ) -> FloatArray:
     given = dict(start.params) if isinstance(start, FitResult) else dict(start or {})
     table = {q.symbol: q for q in model.parameters}
     for what, names in (("start", given), ("fixed", fixed), ("priors", priors)):
         for symbol in names:
             if symbol not in table:
-                raise ParameterError(f"{model.name}: {what} names {symbol!r}, which is no parameter; known: {', '.join(table)}")
+                raise ParameterError(
+                    f"{model.name}: {what} names {symbol!r}, which is no parameter; known: {', '.join(table)}"
+                )
     for symbol, value in given.items():
         q = table[symbol]
         if symbol not in fixed and not q.lower <= value <= q.upper:
             raise ParameterError(
-                f"{model.name}: start of {symbol} is {value:g} {q.unit}, outside its bounds [{q.lower:g}, {q.upper:g}]; "
-                "give a value inside or widen the bounds in the model's table"
+                f"{model.name}: start of {symbol} is {value:g} {q.unit}, outside its bounds "
+                f"[{q.lower:g}, {q.upper:g}]; give a value inside or widen the bounds in the model's table"
             )
     for symbol, value in fixed.items():
         if not math.isfinite(value):

@@ -80,7 +80,8 @@ class Data:
             symbols = model.symbols[table]
             if array.shape[1] != len(symbols):
                 raise DataError(
-                    f"{self.name}: {array.shape[1]} columns of {table}, but {model.name} has {len(symbols)}: {', '.join(symbols)}"
+                    f"{self.name}: {array.shape[1]} columns of {table}, but {model.name} "
+                    f"has {len(symbols)}: {', '.join(symbols)}"
                 )
         warnings = []
         for j, symbol in enumerate(model.symbols["inputs"]):
@@ -106,7 +107,7 @@ class Data:
 
 
 def _steps(t: FloatArray) -> FloatArray:
-    """Time steps, with those that differ by rounding only made equal, so that a discretisation is made once for them."""
+    """Time steps; those that differ by rounding only are made equal, so that they share one discretisation."""
     dt = np.diff(t)
     if not len(dt) or not np.isfinite(dt).all():
         return dt
@@ -195,8 +196,8 @@ class FilterPath:
 class Likelihood:
     """The negative log-likelihood of one model for one or several records.
 
-    NLL = 1/2 sum(log S + e^2 / S + log 2 pi) over all scalar innovations (Andersen 2001, Eq. 2.16, corrected); the first
-    sample updates the start value at t_0 and counts. Fisher information is sum(w w'/S + dS dS'/(2 S^2)).
+    NLL = 1/2 sum(log S + e^2 / S + log 2 pi) over all scalar innovations (Andersen 2001, Eq. 2.16, corrected); the
+    first sample updates the start value at t_0 and counts. Fisher information is sum(w w'/S + dS dS'/(2 S^2)).
     """
 
     def __init__(
@@ -238,7 +239,7 @@ class Likelihood:
 
     def value(self, values: FloatArray) -> float:
         """NLL at natural parameters (n_p,); infinite where the filter fails."""
-        return sum(self._run(i, values, False)[0] for i in range(len(self.records)))
+        return float(sum(self._run(i, values, False)[0] for i in range(len(self.records))))
 
     def evaluate(self, values: FloatArray) -> Evaluation:
         """NLL, gradient and Fisher information at natural parameters (n_p,), derivatives on the transform scale."""
@@ -262,8 +263,8 @@ class Likelihood:
             raise DataError(f"{self.model.name}: {reason}")
         n, q = len(self.model.states), len(self.model.outputs)
         x, P, xf, Pf = np.split(path, [n, path.shape[1] // 2, path.shape[1] // 2 + n], axis=1)
-        parts = [out[:, j * q : (j + 1) * q] for j in range(4)]
-        return FilterPath(*parts, x, unpack(P, n), xf, unpack(Pf, n))
+        predicted, variance, e, s = (out[:, j * q : (j + 1) * q] for j in range(4))
+        return FilterPath(predicted, variance, e, s, x, unpack(P, n), xf, unpack(Pf, n))
 
     def _run(self, i: int, values: FloatArray, tangents: bool, keep: bool = False) -> tuple[Any, ...]:
         d = self.records[i]

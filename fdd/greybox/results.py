@@ -174,9 +174,11 @@ class FitResult:
     def summary(self) -> str:
         """A table of the estimates and what to know about them."""
         head = [
-            f"{self.model_name} {self.model_version}  log-likelihood {self.llf:.4f}  AIC {self.aic:.2f}  BIC {self.bic:.2f}",
-            f"{self.nobs} measured values, {len(self.free)} parameters, {'converged' if self.converged else 'NOT CONVERGED'} "
-            f"({self.reason}), {len(self.trials)} search(es), errors from the {self.errors} information",
+            f"{self.model_name} {self.model_version}  log-likelihood {self.llf:.4f}  "
+            f"AIC {self.aic:.2f}  BIC {self.bic:.2f}",
+            f"{self.nobs} measured values, {len(self.free)} parameters, "
+            f"{'converged' if self.converged else 'NOT CONVERGED'} ({self.reason}), {len(self.trials)} search(es), "
+            f"errors from the {self.errors} information",
             "",
             f"{'parameter':<14}{'estimate':>14}{'std err':>12}{'t':>9}{'P>|t|':>8}  unit",
         ]
@@ -241,10 +243,14 @@ class FitResult:
         ValueError : of another schema, or of another model or version than the one given
         """
         if document.get("schema") != SCHEMA:
-            raise ValueError(f"fit result has schema {document.get('schema')!r}, this program reads {SCHEMA}; fit again")
+            raise ValueError(
+                f"fit result has schema {document.get('schema')!r}, this program reads {SCHEMA}; fit again"
+            )
         made = (document["model"], document["model_version"])
         if model is not None and made != (model.name, model.version):
-            raise ValueError(f"fit result is of {made[0]} {made[1]}, the model given is {model.name} {model.version}; fit again")
+            raise ValueError(
+                f"fit result is of {made[0]} {made[1]}, the model given is {model.name} {model.version}; fit again"
+            )
         likelihood = None
         if model is not None and data is not None:
             likelihood = Likelihood(model, [data] if isinstance(data, Data) else list(data))
@@ -268,7 +274,9 @@ class FitResult:
             gradient=dict(document["gradient"]),
             warnings=tuple(document["warnings"]),
             errors=document["errors"],
-            trials=tuple(Trial(**{**t, "start": np.array(t["start"]), "theta": np.array(t["theta"])}) for t in document["trials"]),
+            trials=tuple(
+                Trial(**{**t, "start": np.array(t["start"]), "theta": np.array(t["theta"])}) for t in document["trials"]
+            ),
             priors={k: (v[0], v[1]) for k, v in document["priors"].items()},
             start=dict(document["start"]),
             span=tuple((s[0], s[1]) for s in document["span"]),
@@ -302,7 +310,9 @@ def _positive_definite(H: FloatArray) -> bool:
     return bool(np.linalg.eigvalsh(H / np.outer(d, d)).min() > 1e-9) if len(H) else True
 
 
-def invert(information: FloatArray, at_bound: NDArray[np.bool_], names: Sequence[str]) -> tuple[FloatArray, tuple[str, ...]]:
+def invert(
+    information: FloatArray, at_bound: NDArray[np.bool_], names: Sequence[str]
+) -> tuple[FloatArray, tuple[str, ...]]:
     """Covariance of what can be identified, and the names of what cannot.
 
     A direction of (almost) no information, seen on the scale where every parameter's own information is one, names the
@@ -335,7 +345,8 @@ def _reservations(lost: Sequence[str], bound: Sequence[str], converged: bool, re
     out = []
     if lost:
         out.append(
-            f"not identifiable from these data: {', '.join(lost)}; fix them, give a prior, or excite what they act through"
+            f"not identifiable from these data: {', '.join(lost)}; "
+            "fix them, give a prior, or excite what they act through"
         )
     if bound:
         out.append(f"at a bound: {', '.join(bound)}; widen the bound or simplify the model")

@@ -44,42 +44,30 @@ def product(w, a, b, o):
                         w[r + k] += w[p + k] * y + x * w[q + k]
             w[o + i * N + j] = t"""
 
-# Every matrix is stored with its tangents right behind it: SPAN entries in all.
+# Every matrix is stored with its tangents right behind it: SPAN entries in all. ``product`` is called from one place in
+# each loop, because the compiler copies it to every place it is called from.
 _DISCRETISE = '''SPAN = N * N * (1 + K)
 
 
 @jit
-def axpy(w, f, a, o):
-    for k in range(SPAN):
-        w[o + k] += f * w[a + k]
-
-
-@jit
-def scaled(w, f, a, o):
-    for k in range(SPAN):
-        w[o + k] = f * w[a + k]
-
-
-@jit
-def symmetric(w, f, a, o):
-    """o = f (a + a')."""
+def symmetric(w, f, a, o, s):
+    """o = f (a + a'), s += o."""
     for i in range(N):
-        for j in range(i, N):
-            w[o + i * N + j] = f * (w[a + i * N + j] + w[a + j * N + i])
-            w[o + j * N + i] = w[o + i * N + j]
-            p = N * N + (i * N + j) * K
-            q = N * N + (j * N + i) * K
+        for j in range(N):
+            p = i * N + j
+            q = j * N + i
+            w[o + p] = f * (w[a + p] + w[a + q])
+            w[s + p] += w[o + p]
+            tp = N * N + p * K
+            tq = N * N + q * K
             for k in range(K):
-                w[o + p + k] = f * (w[a + p + k] + w[a + q + k])
-            if q != p:
-                for k in range(K):
-                    w[o + q + k] = w[o + p + k]
+                w[o + tp + k] = f * (w[a + tp + k] + w[a + tq + k])
+                w[s + tp + k] += w[o + tp + k]
 
 
 @jit
-def congruence(w, a, b, t, o):
-    """o += a b a' for symmetric b."""
-    product(w, a, b, t)
+def congruence(w, t, a, o):
+    """o += t a', given t = a b with b symmetric."""
     for i in range(N):
         for j in range(N):
             r = o + N * N + (i * N + j) * K
@@ -115,32 +103,45 @@ def discretise(w, dt):
         w[AD + k] = 0.0
         w[PH + k] = 0.0
         w[PH2 + k] = 0.0
+        w[Y1 + k] = h * w[Q + k]
+        w[QD + k] = h * w[Q + k]
     for i in range(N):
         w[X1 + i * N + i] = 1.0
-    axpy(w, 1.0, X1, AD)
-    axpy(w, h, X1, PH)
-    axpy(w, 0.5 * h * h, X1, PH2)
-    scaled(w, h, Q, Y1)
-    scaled(w, h, Q, QD)
+        w[AD + i * N + i] = 1.0
+        w[PH + i * N + i] = h
+        w[PH2 + i * N + i] = 0.5 * h * h
     for m in range(1, 14):
-        product(w, A, X1, X2)
-        scaled(w, h / m, X2, X1)
-        axpy(w, 1.0, X1, AD)
-        axpy(w, h / (m + 1), X1, PH)
-        axpy(w, h * h / ((m + 1) * (m + 2)), X1, PH2)
-        product(w, A, Y1, Y2)
-        symmetric(w, h / (m + 1), Y2, Y1)
-        axpy(w, 1.0, Y1, QD)
+        for part in range(2):
+            product(w, A, X1 if part == 0 else Y1, X2 if part == 0 else Y2)
+        f = h / m
+        g = h / (m + 1)
+        e = h * h / ((m + 1) * (m + 2))
+        for k in range(SPAN):
+            x = f * w[X2 + k]
+            w[X1 + k] = x
+            w[AD + k] += x
+            w[PH + k] += g * x
+            w[PH2 + k] += e * x
+        symmetric(w, g, Y2, Y1, QD)
     for _ in range(doublings):
-        product(w, AD, PH2, X1)
-        axpy(w, 1.0, X1, PH2)
-        axpy(w, h, PH, PH2)
-        product(w, AD, PH, X1)
-        axpy(w, 1.0, X1, PH)
-        scaled(w, 1.0, QD, Y1)
-        congruence(w, AD, Y1, X1, QD)
-        product(w, AD, AD, X1)
-        scaled(w, 1.0, X1, AD)
+        for part in range(4):
+            b = PH2
+            o = X1
+            if part == 1:
+                b = PH
+                o = X2
+            elif part == 2:
+                b = QD
+                o = Y1
+            elif part == 3:
+                b = AD
+                o = Y2
+            product(w, AD, b, o)
+        congruence(w, Y1, AD, QD)
+        for k in range(SPAN):
+            w[PH2 + k] += w[X1 + k] + h * w[PH + k]
+            w[PH + k] += w[X2 + k]
+            w[AD + k] = w[Y2 + k]
         h *= 2.0'''
 
 _PROPAGATE = '''@jit
@@ -200,6 +201,28 @@ def propagate_tangents(w):
             s += 1
     for k in range(NZ * K):
         w[T + k] = w[TN + k]'''
+
+_UPDATE = '''@jit
+def update_tangents(w, g, de, ds, i, ei):
+    """Tangents of x + g e / s and of P - g g' / s, from those of g, e and s; i = 1 / s, ei = e / s."""
+    row = T
+    for a in range(N):
+        ga = w[g + a] * i
+        gs = ga * ei
+        p = DG + a * K
+        for k in range(K):
+            w[row + k] += ei * w[p + k] + ga * w[de + k] - gs * w[ds + k]
+        row += K
+    for a in range(N):
+        ga = w[g + a] * i
+        p = DG + a * K
+        for b in range(a, N):
+            gb = w[g + b] * i
+            gs = ga * gb
+            q = DG + b * K
+            for k in range(K):
+                w[row + k] += gs * w[ds + k] - gb * w[p + k] - ga * w[q + k]
+            row += K'''
 
 _RUN = '''@jit
 def run(dt, u, y, p, x0, P0, c, w, nsub, huber, out, path, grad, info):
@@ -347,3 +370,8 @@ def loops(tangents: bool) -> str:
     run = _RUN.replace("ACCUMULATE", _ACCUMULATE if tangents else "pass")
     bank = _BANK.replace("SCORE", _SCORE if tangents else "").rstrip()
     return f"{run}\n\n\n{bank}"
+
+
+def update(tangents: bool) -> str:
+    """Tangents of a scalar measurement update."""
+    return _UPDATE if tangents else ""

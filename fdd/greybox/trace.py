@@ -10,7 +10,7 @@ import difflib
 import linecache
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from enum import IntEnum
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,7 @@ class Expr:
     def __init__(self, graph: Graph, op: str, args: tuple[Expr, ...], value: Any, index: int) -> None:
         self.graph, self.op, self.args, self.value, self.index = graph, op, args, value, index
         self.symbols: frozenset[int] = frozenset().union(*(a.symbols for a in args)) if args else frozenset()
-        self.level = max((a.level for a in args), default=Level.CONSTANT)
+        self.level: Level = max((a.level for a in args), default=Level.CONSTANT)
         self.positive = False
 
     def __repr__(self) -> str:
@@ -112,8 +112,9 @@ class Expr:
 
     def __bool__(self) -> bool:
         raise ModelError(
-            f"{_caller()} branches on `{text(self)}`. Equations are traced once, so that both branches must stand in the "
-            "result: write where(condition, a, b), maximum or minimum of fdd.models.functions instead of if, and, max, min"
+            f"{_caller()} branches on `{text(self)}`. Equations are traced once, so that both branches must stand "
+            "in the result: write where(condition, a, b), maximum or minimum of fdd.models.functions instead of "
+            "if, and, max, min"
         )
 
     def __float__(self) -> float:
@@ -122,7 +123,11 @@ class Expr:
             "Use exp, log, sqrt, tanh, ... of fdd.models.functions"
         )
 
-    __int__ = __index__ = __float__  # type: ignore[assignment]
+    def __int__(self) -> int:
+        return int(float(self))
+
+    def __index__(self) -> int:
+        return int(float(self))
 
     def __array_ufunc__(self, ufunc: Any, *_: Any, **__: Any) -> Any:
         raise ModelError(f"{_caller()} uses numpy.{ufunc.__name__} on an equation. Use fdd.models.functions")
@@ -176,6 +181,7 @@ class Graph:
             ) from None
 
     def add(self, a: Expr, b: Expr) -> Expr:
+        """a + b."""
         if a is self.zero:
             return b
         if b is self.zero:
@@ -189,6 +195,7 @@ class Graph:
         return self.make("add", (a, b) if a.index <= b.index else (b, a))
 
     def sub(self, a: Expr, b: Expr) -> Expr:
+        """a - b."""
         if b is self.zero:
             return a
         if a is self.zero:
@@ -202,6 +209,7 @@ class Graph:
         return self.make("sub", (a, b))
 
     def mul(self, a: Expr, b: Expr) -> Expr:
+        """a * b."""
         if a is self.zero or b is self.zero:
             return self.zero
         if a is self.one:
@@ -221,6 +229,7 @@ class Graph:
         return self.make("mul", (a, b) if a.index <= b.index else (b, a))
 
     def div(self, a: Expr, b: Expr) -> Expr:
+        """a / b; by what changes less often, as a product with the reciprocal."""
         if a is self.zero:
             return self.zero
         if b is self.one:
@@ -238,6 +247,7 @@ class Graph:
         return self.make("div", (a, b))
 
     def neg(self, a: Expr) -> Expr:
+        """-a."""
         if a.op == "constant":
             return self.constant(-a.value)
         if a.op == "neg":
@@ -247,6 +257,7 @@ class Graph:
         return self.make("neg", (a,))
 
     def pow(self, a: Expr, b: Expr) -> Expr:
+        """a ** b; small integer powers by multiplication."""
         if b.op == "constant":
             if a.op == "constant":
                 return self.constant(a.value**b.value)
@@ -266,6 +277,7 @@ class Graph:
         return self.mul(square, a) if n % 2 else square
 
     def call(self, name: str, args: tuple[Expr, ...]) -> Expr:
+        """A named function of nodes."""
         if name == "where":
             condition, a, b = args
             if condition.op not in COMPARISONS:
@@ -295,6 +307,8 @@ class Graph:
         return known
 
     def _diff(self, a: Expr, by: Expr) -> Expr:
+        if a.op in COMPARISONS:
+            return self.zero
         d = [self.diff(x, by) for x in a.args]
         if a.op == "add":
             return d[0] + d[1]
@@ -330,11 +344,11 @@ class Graph:
         return self.call("where", (condition, d[0], d[1]))
 
 
-_FOLD = {
+_FOLD: dict[str, Callable[..., float]] = {
     "exp": math.exp, "log": math.log, "sqrt": math.sqrt, "tanh": math.tanh, "sin": math.sin, "cos": math.cos,
     "abs": abs, "min": min, "max": max,
 }  # fmt: skip
-_SLOPE = {
+_SLOPE: dict[str, Callable[[Graph, Expr, Expr], Expr]] = {
     "exp": lambda g, a, x: a,
     "log": lambda g, a, x: g.one / x,
     "sqrt": lambda g, a, x: g.constant(0.5) / a,

@@ -85,8 +85,8 @@ def building() -> ComponentModel:
         }  # fmt: skip
 
     values = dict(
-        Bus=12.65, Bb=32.39, Bn=38.95, Bas=542.18, Bun=28.35, Ban=624.34, Cis=421.28, Cas=1531.85, Cin=810.19, Can=3314.74,
-        Aes=1.67, s_air=0.08, s_flo=0.03, r_s=0.02, r_n=0.025,
+        Bus=12.65, Bb=32.39, Bn=38.95, Bas=542.18, Bun=28.35, Ban=624.34, Cis=421.28, Cas=1531.85, Cin=810.19,
+        Can=3314.74, Aes=1.67, s_air=0.08, s_flo=0.03, r_s=0.02, r_n=0.025,
     )  # fmt: skip
     return declared(
         "building",
@@ -191,7 +191,7 @@ def ou1d() -> ComponentModel:
             identity("mu", 2.0, -50, 50),
             identity("lsx", math.log(0.5), -10, 5),
             identity("lsy", math.log(0.05), -10, 5),
-        ),  # fmt: skip
+        ),
         drift=lambda x, u, p: {"x": p.th * (p.mu + u.u - x.x)},
         diffusion=lambda x, u, p: {"x": exp(p.lsx)},
         observe=lambda x, u, p: {"y": x.x},
