@@ -11,7 +11,7 @@ Transfer coefficients (Eq. 9-11)
     flow-symmetric      the same with one C for both sides, as in a plate exchanger with equal channels
     flow-temperature    h = K (1 + b T) m^y with T the mean temperature of the side
 
-At no flow h is 0 and its derivative for y < 1 is infinite: m^y is taken of sqrt(m^2 + (1e-6 kg/s)^2).
+At no flow h is 0 and its derivative for y < 1 is infinite: m^y is taken of sqrt(m^2 + (1e-7 kg/s)^2).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from fdd.models.radiator import WATER_HEAT_CAPACITY
 
 PAPER = "Andersen (2001), Paper B"
 TRANSFERS = ("constant", "flow", "flow-symmetric", "flow-temperature")
-SMALL_FLOW = 1e-6  # kg/s
+SMALL_FLOW = 1e-7  # kg/s
 
 
 def heat_exchanger(
