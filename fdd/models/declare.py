@@ -109,7 +109,9 @@ class ComponentModel:
         for table in ("states", "inputs", "parameters"):
             for q in getattr(self, table):
                 if q.symbol in seen:
-                    raise ModelError(f"{self.name}: symbol {q.symbol!r} stands in {seen[q.symbol]} and in {table}; rename one")
+                    raise ModelError(
+                        f"{self.name}: symbol {q.symbol!r} stands in {seen[q.symbol]} and in {table}; rename one"
+                    )
                 seen[q.symbol] = table
         for p in self.parameters:
             if not p.lower <= p.typical <= p.upper:
