@@ -280,7 +280,7 @@ class _Compiler:
             known = conversion(unit)
             value = float(known(float(number)))
         except UnitError as error:
-            raise self.error(error.problem, error.remedy) from None
+            raise self.error(error.statement, error.remedy) from None
         except (ValueError, TypeError):
             raise self.error(f"{ast.unparse(node)!r} is not understood", 'Write q(4186, "J/(kg*K)").') from None
         constant = np.float64(value)

@@ -134,10 +134,13 @@ class UnitError(ValueError):
 
     def __init__(self, problem: str, *, where: str = "", value: str = "", expected: str = "", remedy: str = "") -> None:
         self.problem, self.where, self.value, self.expected, self.remedy = problem, where, value, expected, remedy
-        text = f"{where}: {problem}" if where else problem
-        if expected:
-            text += f"; expected {expected}"
+        text = f"{where}: {self.statement}" if where else self.statement
         super().__init__(f"{text}. {remedy}" if remedy else text)
+
+    @property
+    def statement(self) -> str:
+        """The problem and what was expected instead, without place and remedy."""
+        return f"{self.problem}; expected {self.expected}" if self.expected else self.problem
 
 
 @dataclass(frozen=True, slots=True)

@@ -74,7 +74,7 @@ def _duration(value: Any) -> Any:
     try:
         return seconds(value)
     except UnitError as error:
-        raise refusal(error.problem, error.remedy) from None
+        raise refusal(error.statement, error.remedy) from None
 
 
 def _positive(value: float) -> float:
@@ -104,7 +104,7 @@ def _unit(value: Any) -> Any:
     try:
         conversion(text)
     except UnitError as error:
-        raise refusal(error.problem, error.remedy) from None
+        raise refusal(error.statement, error.remedy) from None
     return text
 
 

@@ -96,6 +96,8 @@ def _yaml_remedy(error: MarkedYAMLError) -> str:
         return 'Put per cent in quotes: "%".'
     if "'`'" in problem:
         return "Put an expression that starts with a backtick in quotes."
+    if "expected ',' or" in problem:
+        return "Close the bracket, and put a text that holds [ ] { } or a comma in quotes."
     if "duplicate key" in problem:
         return "Keep one of the two."
     return "Check indentation, colons and quotes on this line and the one before."

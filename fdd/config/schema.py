@@ -48,7 +48,8 @@ class Point(Strict):
         try:
             self.conversion  # noqa: B018 - refuses what cannot be converted
         except UnitError as error:
-            raise refusal(error.problem, error.remedy, "unit") from None
+            key = "fluid" if error.value == self.fluid else "quantity" if self.quantity else "unit"
+            raise refusal(error.statement, error.remedy, key) from None
         if self.fluid is not None and self.conversion.si != "kg/s":
             raise refusal(f"'fluid' has no use for unit {self.unit!r}", "Leave it out, or correct the unit.", "fluid")
         return self
