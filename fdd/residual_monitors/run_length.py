@@ -33,6 +33,8 @@ ARL_MOST = 1e8
 """Longest mean run length that double precision still resolves here."""
 _SHIFT_NODES = 15
 _SCALE_NODES = 9
+_LONGEST_OPENING = 20_000
+"""Updates followed one by one at most until a run's hazard is constant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,36 +141,64 @@ def _share(start: Start) -> float:
     return float(start)
 
 
-def _begin(rule: Rule, limit: float, shift: float, start: Start) -> list[tuple[FloatArray, FloatArray]]:
-    """Weights after the first update and the matrix of the next ones, for each side that can alarm."""
-    sides = (shift, -shift) if rule.kind == "cusum" and rule.sided == 2 else (shift,)
-    out = []
-    for s in sides:
-        if start == "steady":
-            plane = rule.kind == "mewma" and s != 0
-            chain = _chain(rule, limit, s, plane)
-            before = _chain(rule, limit, 0.0, plane).quasi_stationary()
-            out.append((before @ chain.matrix, chain.matrix))
-        else:
-            chain = _chain(rule, limit, s)
-            out.append((chain.row(_share(start)), chain.matrix))
-    return out
+@dataclass(frozen=True)
+class _Survival:
+    """Probability of no alarm within n updates, for one side.
+
+    ``first`` holds it for 1, 2, ... updates until it falls by the same factor each time; ``log_factor`` is that
+    factor's logarithm, the largest eigenvalue of the matrix.
+    """
+
+    first: FloatArray
+    log_factor: float
+
+    def log_at(self, updates: int) -> float:
+        """Its logarithm; minus infinity where it has vanished."""
+        beyond = updates - len(self.first)
+        value = self.first[min(updates, len(self.first)) - 1]
+        if value <= 0:
+            return -np.inf
+        return float(np.log(value) + (beyond * self.log_factor if beyond > 0 else 0.0))
+
+
+@lru_cache(maxsize=1024)
+def _survival(rule: Rule, limit: float, shift: float, start: Start) -> _Survival:
+    plane = rule.kind == "mewma" and start == "steady" and shift != 0
+    chain = _chain(rule, limit, shift, plane)
+    if start == "steady":
+        weights = _chain(rule, limit, 0.0, plane).quasi_stationary() @ chain.matrix
+    else:
+        weights = chain.row(_share(start))
+    first, factor = [float(weights.sum())], 0.0
+    for _ in range(_LONGEST_OPENING):
+        weights = weights @ chain.matrix
+        first.append(float(weights.sum()))
+        if first[-1] < 1e-12:
+            return _Survival(np.array(first), -np.inf)
+        last, factor = factor, first[-1] / first[-2]
+        # The hazard, 1 - factor, is nothing in the first updates, and must have settled for its own size.
+        if 1 - factor > 1e-12 and abs(factor - last) < 1e-7 * (1 - factor):
+            break
+    return _Survival(np.array(first), float(np.log(factor)))
+
+
+def _sides(rule: Rule, limit: float, shift: float, start: Start) -> list[_Survival]:
+    """Each side that can alarm."""
+    shifts = (shift, -shift) if rule.kind == "cusum" and rule.sided == 2 else (shift,)
+    return [_survival(rule, limit, s, start) for s in shifts]
 
 
 def alarm_probability(rule: Rule, limit: float, updates: int, shift: float = 0.0, start: Start = "zero") -> float:
     """Probability of an alarm within this many updates.
 
-    The two sides of a CUSUM are taken as independent, which is exact in neither case and good to a part in a thousand
-    once the limit exceeds 3; an EWMA with exact limits is taken as one with settled limits.
+    The two sides of a CUSUM are taken as independent, which is not exact but good to a part in a thousand for k of
+    a half and limits above 3, and to two in a hundred for k of a tenth; an EWMA with exact limits is taken as one with settled limits.
     """
     if updates < 1:
         return 0.0
     if rule.kind == "shewhart":
         return float(-np.expm1(updates * np.log1p(-_shewhart_rate(limit, shift))))
-    survived = 1.0
-    for weights, matrix in _begin(rule, limit, shift, start):
-        survived *= float((weights @ np.linalg.matrix_power(matrix, updates - 1)).sum())
-    return 1.0 - survived
+    return float(-np.expm1(sum(side.log_at(updates) for side in _sides(rule, limit, shift, start))))
 
 
 def run_length_quantile(rule: Rule, limit: float, p: float, shift: float = 0.0, start: Start = "zero") -> int:
@@ -181,28 +211,24 @@ def run_length_quantile(rule: Rule, limit: float, p: float, shift: float = 0.0, 
     """
     if not 0 < p < 1:
         raise ValueError(f"p is {p}; give a probability inside (0, 1)")
-    if rule.kind == "shewhart":
-        return int(np.ceil(np.log1p(-p) / np.log1p(-_shewhart_rate(limit, shift))))
-    sides = _begin(rule, limit, shift, start)
-    if _survival(sides) <= 1 - p:
-        return 1
-    powers = [[matrix for _, matrix in sides]]
-    while _survival([(w, m @ m) for (w, _), m in zip(sides, powers[-1], strict=True)], apply=True) > 1 - p:
-        powers.append([m @ m for m in powers[-1]])
-        if len(powers) > 40:
-            raise ValueError(f"the run length exceeds 2^40 updates at limit {limit}; lower the limit")
-    done, weights = 1, [w for w, _ in sides]
-    for exponent in range(len(powers) - 1, -1, -1):
-        for _ in range(2):
-            tried = [w @ m for w, m in zip(weights, powers[exponent], strict=True)]
-            if np.prod([t.sum() for t in tried]) <= 1 - p:
-                break
-            weights, done = tried, done + 2**exponent
-    return done + 1
+
+    def late(updates: int) -> bool:
+        return alarm_probability(rule, limit, updates, shift, start) < p
+
+    return _first(late)
 
 
-def _survival(sides: list[tuple[FloatArray, FloatArray]], apply: bool = False) -> float:
-    return float(np.prod([(w @ m).sum() if apply else w.sum() for w, m in sides]))
+def _first(late: Callable[[int], bool]) -> int:
+    """Least number of updates that is not too few."""
+    low, high = 0, 1
+    while late(high):
+        low, high = high, 2 * high
+        if high > 2**60:
+            raise ValueError("the run length exceeds 2^60 updates; lower the limit")
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if late(middle) else (low, middle)
+    return high
 
 
 def _guess(rule: Rule, wanted: float) -> float:
@@ -344,13 +370,8 @@ def baseline_effect(rule: Rule, limit: float, samples: int, updates: int) -> Bas
         return float(sum(w * alarm_probability(q, x, n, d) for q, x, d, w in cases))
 
     rate = float(sum(w / arl(q, x, d) for q, x, d, w in cases))
-    low, high = 1, 2
-    while within(high) < 0.5:
-        low, high = high, 2 * high
-    while high - low > max(1, low // 500):
-        middle = (low + high) // 2
-        low, high = (middle, high) if within(middle) < 0.5 else (low, middle)
-    return BaselineEffect(samples, updates, within(updates), alarm_probability(rule, limit, updates), high, rate)
+    median = _first(lambda n: within(n) < 0.5)
+    return BaselineEffect(samples, updates, within(updates), alarm_probability(rule, limit, updates), median, rate)
 
 
 def _rescaled(rule: Rule, ratio: float) -> Rule:

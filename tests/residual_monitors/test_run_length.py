@@ -108,7 +108,7 @@ def simulate_cusum(h: float, k: float, shift: float, runs: int, head_start: floa
     return length
 
 
-@pytest.mark.parametrize(("shift", "head_start"), [(0.0, 0.0), (0.0, 0.5), (0.5, 0.0)])
+@pytest.mark.parametrize(("shift", "head_start"), [(0.0, 0.0), (0.0, 0.5), (0.5, 0.0), (2.5, 0.0)])
 def test_distribution_of_the_cusum_run_length_agrees_with_simulation(shift: float, head_start: float) -> None:
     rule, runs = Rule("cusum"), 20_000
     length = simulate_cusum(4.0, 0.5, shift, runs, head_start)
@@ -178,3 +178,17 @@ def test_widening_for_the_baseline_restores_the_mean_rate() -> None:
 def test_bad_requests_say_what_to_do(call: Any, text: str) -> None:
     with pytest.raises(ValueError, match=text):
         call()
+
+
+@pytest.mark.parametrize(
+    ("rule", "limit"),
+    [(Rule("cusum", k=0.1), 25.0), (Rule("cusum"), 10.4), (Rule("ewma", lam=0.02), 3.0), (Rule("mewma"), 20.0)],
+    ids=str,
+)
+def test_distribution_and_mean_of_the_run_length_agree(rule: Rule, limit: float) -> None:
+    """The mean is the sum of the survival over all updates: both ways of solving must say the same."""
+    mean = arl(rule, limit)
+    edges = np.unique(np.geomspace(1, 40 * mean, 4000).astype(int))
+    survival = np.array([1 - alarm_probability(rule, limit, int(n)) for n in edges])
+    total = 1 + np.sum((survival[1:] + survival[:-1]) / 2 * np.diff(edges))
+    assert total == pytest.approx(mean, rel=0.02 if rule.kind == "cusum" and rule.k < 0.25 else 3e-3)
