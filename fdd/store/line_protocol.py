@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,9 +80,7 @@ def document_lines(kind: str, key: str, body: str, document: JsonObject, site: s
 
 
 def _alarm_fields(document: JsonObject) -> str:
-    def of(names: tuple[str, ...], kind: type) -> list[tuple[str, Any]]:
-        return [(n, document[n]) for n in names if isinstance(document.get(n), kind)]
-
-    texts = [f",{n}={_text(str(v))}" for n, v in of(ALARM_TEXT, str)]
-    times = [f",{n}={v:d}i" for n, v in of(ALARM_TIMES, int)]
-    return "".join(texts + times)
+    """Text fields only: lists put them side by side, and a column has one type. Times are in the server's own form."""
+    texts = {n: str(document[n]) for n in ALARM_TEXT if isinstance(document.get(n), str)}
+    times = {n: f"{np.datetime64(document[n], 'ns')}Z" for n in ALARM_TIMES if isinstance(document.get(n), int)}
+    return "".join(f",{name}={_text(value)}" for name, value in (texts | times).items())
