@@ -126,7 +126,12 @@ class Rows:
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """What a component looks like when it is healthy: the parameters a filter runs on, and where they come from."""
+    """What a component looks like when it is healthy: the parameters a filter runs on, and where they come from.
+
+    ``covariance`` is that of the parameters on their estimation scale, in the order of ``parameters``; empty where they
+    are known. ``innovation`` holds, by output symbol, mean, sd and lag-one autocorrelation of the standardised
+    innovations. ``diagnostics`` names parameters that the data left open (``unidentifiable``, ``at_bound``).
+    """
 
     component: str
     version: int

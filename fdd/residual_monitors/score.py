@@ -22,6 +22,8 @@ from fdd.residual_monitors.run_length import limit_for
 
 OUTLIER = 4.0
 """While the spread is learned, a block counts as at most this many standard deviations."""
+ALLOWANCE = 2.0
+"""Standard deviations of the baseline's own error that a chart forgives: 19 of 20 baselines are within."""
 
 
 class Score(Chart):
@@ -45,6 +47,8 @@ class Score(Chart):
     k : reference value of the CUSUM on z
     isolated : chart projected scores
     history : blocks kept for :meth:`estimate`
+    covariance : shape (n_c, n_p, n_p), of the baseline's parameters on the estimation scale; a change within
+        :data:`ALLOWANCE` of their errors is forgiven. None: the baseline is known.
     learn : blocks over which the standard deviation of z is learned (at least 1 is taken), for innovations that are not
         white; 0 for filters that pass the whiteness checks
 
@@ -73,6 +77,7 @@ class Score(Chart):
         isolated: bool = False,
         history: int = 40,
         learn: int = 0,
+        covariance: ArrayLike | None = None,
     ) -> None:
         grid = np.array(limit, dtype=np.float64, ndmin=2)
         super().__init__(grid.ravel(), learn=learn)
@@ -83,6 +88,11 @@ class Score(Chart):
         self.components, self.parameters = grid.shape
         self.block, self.k, self.isolated, self.history = int(block), float(k), bool(isolated), int(history)
         n, p = grid.shape
+        self.covariance = np.zeros((n, p, p)) if covariance is None else np.array(covariance, dtype=np.float64)
+        if self.covariance.shape != (n, p, p):
+            raise ValueError(
+                f"score chart: covariance has shape {self.covariance.shape}; give {(n, p, p)}, one a component"
+            )
         self.count = np.zeros(n, dtype=np.int64)
         self.elapsed = np.zeros(n, dtype=np.int64)
         self.score = np.zeros((n, p))
@@ -106,6 +116,7 @@ class Score(Chart):
         isolated: bool = False,
         history: int = 40,
         learn: int = 0,
+        covariance: ArrayLike | None = None,
         baseline_samples: float = np.inf,
     ) -> Score:
         """Charts with these mean numbers of *samples* between false alarms.
@@ -113,12 +124,13 @@ class Score(Chart):
         Parameters
         ----------
         arl : shape (n_c, parameters), or (n_c * parameters,) by component
+        covariance : of the baseline, see :class:`Score`; better than ``baseline_samples`` where seasons change
         baseline_samples : samples the baseline was fitted on; limits are widened for its error, which moves every
             block's z by a constant with standard deviation sqrt(block / baseline_samples)
         """
         wanted = np.array(arl, dtype=np.float64, ndmin=1).reshape(-1, parameters) / block
         limit = limit_for("cusum", wanted, k=k, shift_sd=float(np.sqrt(block / baseline_samples)))
-        return cls(limit, block=block, k=k, isolated=isolated, history=history, learn=learn)
+        return cls(limit, block=block, k=k, isolated=isolated, history=history, learn=learn, covariance=covariance)
 
     def update_scores(self, score: ArrayLike, information: ArrayLike) -> Verdicts:
         """Take one sample of every component.
@@ -141,21 +153,23 @@ class Score(Chart):
                 f"and informations {i.shape}"
             )
         seen, closed = _accumulate(s, i, self.block, self.score, self.information, self.count, self.elapsed)
-        z, length = np.empty((0, self.parameters)), np.empty(0, dtype=np.int64)
+        z = allowance = np.empty((0, self.parameters))
+        length = np.empty(0, dtype=np.int64)
         rows = np.flatnonzero(closed)
         if rows.size:
             length = self.elapsed[rows]
-            z = self._close(rows)
+            z, allowance = self._close(rows)
         phase, statistic, direction, age = _chart(
-            seen, rows, z, length, self.k, self.learn, self.limit, self.upper, self.lower, self.upper_age,
+            seen, rows, z, allowance, length, self.k, self.learn, self.limit, self.upper, self.lower, self.upper_age,
             self.lower_age, self.shown, self.seen, self.spread, self.latched, self.side, self.onset,
         )  # fmt: skip
         return Verdicts(phase, statistic, self.limit, direction, age)
 
-    def _close(self, rows: IntArray) -> FloatArray:
+    def _close(self, rows: IntArray) -> tuple[FloatArray, FloatArray]:
         """Standardise full blocks, keep them in the history and begin new ones."""
         found = change(self.score[rows], self.information[rows])
         z = found.isolated if self.isolated else found.single / found.single_error
+        allowance = self._allowance(rows, found)
         slot = self.written[rows] % self.history
         self.past_score[rows, slot] = self.score[rows]
         self.past_information[rows, slot] = self.information[rows]
@@ -163,7 +177,23 @@ class Score(Chart):
         self.written[rows] += 1
         self.score[rows], self.information[rows] = 0.0, 0.0
         self.count[rows], self.elapsed[rows] = 0, 0
-        return np.ascontiguousarray(np.where(found.visible, z, np.nan))
+        return np.ascontiguousarray(np.where(found.visible, z, np.nan)), allowance
+
+    def _allowance(self, rows: IntArray, found: Change) -> FloatArray:
+        """What the baseline's own error may move these blocks' z by: so much is not yet a change of the plant.
+
+        The error d of the baseline moves the mean of z_j by (I d)_j / sqrt(I_jj) in every block, for good. How much
+        that is depends on what the weather excites now, not on what it excited when the baseline was fitted.
+        """
+        covariance = self.covariance[rows]
+        if self.isolated:
+            variance = np.diagonal(covariance, axis1=1, axis2=2) * np.square(found.isolated / found.joint)
+        else:
+            information = self.information[rows]
+            moved = np.einsum("rij,rjk,rki->ri", information, covariance, information)
+            diagonal = np.diagonal(information, axis1=1, axis2=2)
+            variance = moved / np.where(diagonal > 0, diagonal, 1.0)
+        return np.ascontiguousarray(ALLOWANCE * np.sqrt(np.maximum(np.nan_to_num(variance), 0.0)))
 
     def estimate(self, component: int, updates: int, covariance: FloatArray | None = None) -> Change:
         """Changes of a component's parameters over its last ``updates`` (an alarm's ``onset_age``).
@@ -241,6 +271,7 @@ def _chart(
     seen: NDArray[np.bool_],
     rows: IntArray,
     z: FloatArray,
+    allowance: FloatArray,
     length: IntArray,
     k: float,
     learn: int,
@@ -275,8 +306,8 @@ def _chart(
                 upper_age[i] = length[r] - 1
             if lower[i] == 0:
                 lower_age[i] = length[r] - 1
-            upper[i] = min(max(0.0, upper[i] + value - k), CAP * limit[i])
-            lower[i] = min(max(0.0, lower[i] - value - k), CAP * limit[i])
+            upper[i] = min(max(0.0, upper[i] + value - k - allowance[r, j]), CAP * limit[i])
+            lower[i] = min(max(0.0, lower[i] - value - k - allowance[r, j]), CAP * limit[i])
     phase = np.empty(n, dtype=np.uint8)
     statistic = np.empty(n)
     direction = np.empty(n, dtype=np.int8)

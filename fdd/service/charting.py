@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.records import NANOSECONDS, IntArray, JsonObject
+from fdd.records import NANOSECONDS, Baseline, FloatArray, IntArray, JsonObject
 from fdd.residual_monitors.budget import spread
 from fdd.residual_monitors.chart import Phase, Verdicts
 from fdd.residual_monitors.cusum import Cusum
@@ -120,22 +120,37 @@ class ScoreCharts:
             for symbol in self._symbols
         )
         wanted = [arl[s.component] for s in self.streams]
-        samples = min((b.samples for b in group.baselines if b.samples), default=0)
+        # A parameter that the baseline's data left open has no value to depart from.
+        open_ = [
+            {*b.diagnostics.get("unidentifiable", ()), *b.diagnostics.get("at_bound", ())} for b in group.baselines
+        ]
+        self._told = np.array([[s not in left for s in self._symbols] for left in open_])
         self._chart = Score.design(
             wanted,
             parameters=len(self._symbols),
             block=max(1, SCORE_BLOCK // plan.step),
-            baseline_samples=samples or np.inf,
+            covariance=np.stack([self._covariance(b) for b in group.baselines]),
         )
+
+    def _covariance(self, baseline: Baseline) -> FloatArray:
+        """Of the physical parameters, on the estimation scale; zero for a baseline that is known, not fitted."""
+        if not baseline.covariance:
+            return np.zeros((len(self._symbols), len(self._symbols)))
+        order = list(baseline.parameters)
+        at = [order.index(s) for s in self._symbols]
+        return np.nan_to_num(np.array(baseline.covariance))[np.ix_(at, at)]
 
     def update(self, steps: Sequence[GroupStep]) -> Verdicts:
         """Feed the group's scores; rows that may not be charted are hidden."""
         step = steps[self._index]
         with np.errstate(invalid="ignore"):
             hide = ~step.charted | (np.abs(step.standardised) > ABSURD).any(axis=1)
-        score = np.where(hide[:, None], np.nan, step.score[:, self._physical])
+        score = np.where(self._told, step.score[:, self._physical], 0.0)
         information = step.information[:, self._physical[:, None], self._physical]
-        return self._chart.update_scores(score, np.where(hide[:, None, None], np.nan, information))
+        information = information * self._told[:, :, None] * self._told[:, None, :]
+        return self._chart.update_scores(
+            np.where(hide[:, None], np.nan, score), np.where(hide[:, None, None], np.nan, information)
+        )
 
     def reset(self, which: BoolArray) -> None:
         """Start these streams again."""

@@ -1,7 +1,7 @@
 """``fdd demo``: a simulated plant with a fault, streamed over Zenoh into the daemon; the alarm and the report.
 
-Nothing is staged: baselines are fitted to the first weeks of noisy measurements, the daemon is a process of its own that
-knows only the site file, and the samples reach it over the network.
+Nothing is staged: baselines are fitted to the first weeks of noisy measurements, the daemon is a process of its own
+that knows only the site file, and the samples reach it over the network.
 """
 
 from __future__ import annotations
@@ -110,9 +110,8 @@ class DemoResult:
             delay = (self.hits[0]["raised"] - self.onset) / NANOSECONDS / DAY
             lines.append(f"Found:    on the right component after {delay:.1f} days, while it was still growing")
         lines.append(f"False:    {self.false_alarms} alarm(s) that the fault does not explain")
-        lines.append(
-            f"Samples:  {self.samples} at {self.samples / max(self.seconds, 1e-9):,.0f} samples/s; {self.total_seconds:.0f} s in all"
-        )
+        rate = self.samples / max(self.seconds, 1e-9)
+        lines.append(f"Samples:  {self.samples} at {rate:,.0f} samples/s; {self.total_seconds:.0f} s in all")
         lines.append(f"Report:   {self.report}")
         return "\n".join(lines)
 

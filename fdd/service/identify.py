@@ -57,12 +57,17 @@ def identify(
         options=dict(component.model.options),
         parameters={k: float(v) for k, v in result.params.items()},
         standard_errors={k: float(v) for k, v in result.bse.items()},
-        covariance=np.asarray(result.cov).tolist(),
+        covariance=np.asarray(result.cov_scale).tolist(),
         start=int(found[0].time[0]),
         end=int(found[-1].time[-1]),
         samples=n,
         log_likelihood=float(result.llf),
         innovation={},
+        diagnostics={
+            "converged": result.converged,
+            "unidentifiable": list(result.unidentifiable),
+            "at_bound": list(result.at_bound),
+        },
     )
     statistics = innovation_statistics(plan, component, baseline, history)
     return replace(baseline, innovation=statistics), result
