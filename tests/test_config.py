@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from pydantic import BaseModel, ValidationError
@@ -252,12 +253,10 @@ def _tables() -> Iterator[tuple[str, type[BaseModel]]]:
     own = [Site, Point, Equipment, ParameterSpec, Charts, Tariffs, SqliteStore, InfluxStore]
     yield from ((t.__name__, t) for t in own)
     for kind in kinds():
-        if kind == "plant":
-            continue  # documented with the simulated plant
         options = options_type(kind)
         yield kind, options
         for field in options.model_fields.values():
-            for part in (field.annotation, *getattr(field.annotation, "__args__", ())):
+            for part in (field.annotation, *get_args(field.annotation)):
                 if isinstance(part, type) and issubclass(part, BaseModel):
                     yield f"{kind} {part.__name__}", part
 
