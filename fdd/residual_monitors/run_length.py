@@ -191,8 +191,9 @@ def _sides(rule: Rule, limit: float, shift: float, start: Start) -> list[_Surviv
 def alarm_probability(rule: Rule, limit: float, updates: int, shift: float = 0.0, start: Start = "zero") -> float:
     """Probability of an alarm within this many updates.
 
-    The two sides of a CUSUM are taken as independent, which is not exact but good to a part in a thousand for k of
-    a half and limits above 3, and to two in a hundred for k of a tenth; an EWMA with exact limits is taken as one with settled limits.
+    The two sides of a CUSUM are taken as independent, which is not exact but good to a part in a thousand for k of a
+    half and limits above 3, and to two in a hundred for k of a tenth; an EWMA with exact limits is taken as one with
+    settled limits.
     """
     if updates < 1:
         return 0.0
