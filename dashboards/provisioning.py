@@ -1,7 +1,7 @@
 """Files that Grafana reads at its start: data source, dashboards, contact point, routing, alert rules.
 
 Addresses and secrets come from Grafana's environment: ``FDD_INFLUX_URL``, ``FDD_INFLUX_ORG``, ``FDD_INFLUX_BUCKET``,
-``FDD_ALERT_WEBHOOK``, and the token from the file ``/run/secrets/grafana.token``.
+``FDD_ALERT_WEBHOOK``, and the token from the file that :mod:`dashboards.settings` names.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def data_source() -> dict[str, Any]:
             "defaultBucket": "$FDD_INFLUX_BUCKET",
             "tlsSkipVerify": False,
         },
-        "secureJsonData": {"token": "$__file{/run/secrets/grafana.token}"},
+        "secureJsonData": {"token": f"$__file{{{settings.TOKEN_FILE}}}"},
     }
     return {"apiVersion": 1, "prune": True, "datasources": [source]}
 

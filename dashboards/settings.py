@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 DATA_SOURCE = "fdd-influxdb"  # uid of the provisioned data source
+TOKEN_FILE = "/run/fdd-tokens/grafana.token"  # as Grafana sees it
 FOLDER = "HVAC fault detection"
 REPORTS = "/reports"  # where the daemon's reports are served; links in alarm lists start here
 RUNBOOK = "https://example.com/hvac-fdd/runbook"  # docs/runbook.md, where the site publishes it

@@ -121,10 +121,12 @@ def onboard(url: str, org: str, bucket: str, username: str, password: str) -> st
         return str(answer.auth.token)
 
 
-def set_up(url: str, admin_token: str, plan: Plan, tokens: Path, *, rotate: bool = False) -> dict[str, Path]:
+def set_up(
+    url: str, admin_token: str, plan: Plan, tokens: Path, *, rotate: bool = False, mode: int = 0o600
+) -> dict[str, Path]:
     """Make or update everything; returns the token files.
 
-    ``rotate`` makes new tokens and revokes the old ones.
+    ``rotate`` makes new tokens and revokes the old ones; ``mode`` is the token files' permission.
 
     Raises
     ------
@@ -139,7 +141,7 @@ def set_up(url: str, admin_token: str, plan: Plan, tokens: Path, *, rotate: bool
             org_id = str(organisations[0].id)
             buckets = {name: _bucket(client, org_id, name, days) for name, days in plan.buckets.items()}
             _task(client, org_id, plan)
-            return _tokens(client, org_id, plan, buckets, tokens, rotate=rotate)
+            return _tokens(client, org_id, plan, buckets, tokens, rotate=rotate, mode=mode)
     except ApiException as problem:
         said = str(problem.message or problem.reason)[:300]
         raise StoreError(f"InfluxDB at {url} refused the set-up ({problem.status}): {said}") from problem
@@ -170,7 +172,7 @@ def _task(client: InfluxDBClient, org_id: str, plan: Plan) -> None:
 
 
 def _tokens(
-    client: InfluxDBClient, org_id: str, plan: Plan, buckets: dict[str, str], folder: Path, *, rotate: bool
+    client: InfluxDBClient, org_id: str, plan: Plan, buckets: dict[str, str], folder: Path, *, rotate: bool, mode: int
 ) -> dict[str, Path]:
     api = client.authorizations_api()
     folder.mkdir(parents=True, exist_ok=True)
@@ -186,7 +188,7 @@ def _tokens(
         made = api.create_authorization(
             authorization=Authorization(org_id=org_id, description=description, permissions=permissions)
         )
-        _write_secret(files[who], str(made.token))
+        _write_secret(files[who], str(made.token), mode)
         for a in old:
             api.delete_authorization(a)
     return files
@@ -196,12 +198,13 @@ def _permission(org_id: str, bucket_id: str, action: str) -> Any:
     return Permission(action=action, resource=PermissionResource(type="buckets", id=bucket_id, org_id=org_id))
 
 
-def _write_secret(path: Path, text: str) -> None:
-    """Only the owner may read it, from the first byte on; the old one stands until the new one is whole."""
+def _write_secret(path: Path, text: str, mode: int = 0o600) -> None:
+    """Nobody else may read it, from the first byte on; the old one stands until the new one is whole."""
     part = path.with_suffix(".part")
     part.unlink(missing_ok=True)
     with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
         file.write(text + "\n")
+    part.chmod(mode)
     part.replace(path)
 
 
@@ -217,6 +220,9 @@ def main(
     raw_days: Annotated[int, typer.Option(help="days to keep what the daemon writes; 0: for ever")] = RAW_DAYS,
     hourly_days: Annotated[int, typer.Option(help="days to keep hourly values; 0: for ever")] = HOURLY_DAYS,
     rotate: Annotated[bool, typer.Option("--rotate", help="make new tokens and revoke the old ones")] = False,
+    group_readable: Annotated[
+        bool, typer.Option("--group-readable", help="let the folder's group read the token files, as containers need")
+    ] = False,
 ) -> None:
     """Make the buckets, the downsampling task and the least-privilege tokens of a site."""
     try:
@@ -229,7 +235,8 @@ def main(
             raise StoreError(
                 "give --admin-token-file, or for a new server --admin-password-file, naming a file that is there"
             )
-        for who, path in set_up(url, token, Plan(org, bucket, raw_days, hourly_days), tokens, rotate=rotate).items():
+        plan, mode = Plan(org, bucket, raw_days, hourly_days), 0o640 if group_readable else 0o600
+        for who, path in set_up(url, token, plan, tokens, rotate=rotate, mode=mode).items():
             typer.echo(f"{who}: {path}")
     except StoreError as problem:
         typer.echo(str(problem), err=True)
