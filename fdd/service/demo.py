@@ -151,8 +151,10 @@ def scenario_of(fault: str, seed: int, weeks: int) -> tuple[Scenario, PlantFault
     return Scenario(days=days, seed=seed, faults=(planted,)), planted
 
 
-def prepare(scenario: Scenario, folder: Path, progress: Progress | None = None) -> Prepared:
-    """Simulate, write the site file, fit baselines to the learning weeks."""
+def prepare(
+    scenario: Scenario, folder: Path, progress: Progress | None = None, *, learning_days: float = LEARNING_WEEKS * 7
+) -> Prepared:
+    """Simulate, write the site file, fit baselines to the first days."""
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
     source = {"kind": "zenoh", "key": TOPIC, "connect": [endpoint]}
     folder.mkdir(parents=True, exist_ok=True)
@@ -161,7 +163,7 @@ def prepare(scenario: Scenario, folder: Path, progress: Progress | None = None) 
     site_file = demo_site(folder, sources=[source], scenario=scenario)
     opened = open_site(site_file)
     batches = list(_simulated(scenario, progress))
-    end = scenario.first + round(LEARNING_WEEKS * 7 * DAY * NANOSECONDS)
+    end = scenario.first + round(learning_days * DAY * NANOSECONDS)
     learning = [b for b in batches if b.time[0] < end]
     history, _ = read_history(opened.plan, learning)
     task = progress.add_task("fitting baselines", total=len(opened.plan.components)) if progress else None
