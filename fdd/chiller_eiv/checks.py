@@ -153,7 +153,9 @@ def diagnose(
     sides = sides or {}
     direction = "up" if isolation.change > 0 else "down"
     low, high = sorted((abs(isolation.low), abs(isolation.high)))
-    amount = f"{direction} {100 * abs(isolation.change):.0f} % ({100 * low:.0f} to {100 * high:.0f} %) since {since}"
+    digits = 0 if high - low > 0.02 else 1
+    span = f"{100 * low:.{digits}f} to {100 * high:.{digits}f} %"
+    amount = f"{direction} {100 * abs(isolation.change):.{digits}f} % ({span}) since {since}"
     if sensors.suspicious:
         text = f"{isolation.name} seems {amount}, but {sensors.note}"
         return Finding(text, "sensor", isolation.probability, ("flow meter", "chilled-water temperature sensors"))

@@ -259,13 +259,14 @@ def limit_of(options: DriftOptions, charts: int, weeks: int) -> float:
 class DriftMonitor:
     """Weekly charts of one chiller: feed it each week's points, read the verdict.
 
-    A standing alarm stands until :meth:`reset`; weeks with too few points leave the charts as they are.
+    A standing alarm stands until :meth:`reset`; weeks with too few points leave the charts as they are. ``keep_weeks``
+    is how many of the newest weeks the isolation looks at.
     """
 
     baseline: DriftBaseline
     form: Form = DIVISION_FREE
     options: DriftOptions = field(default_factory=DriftOptions)
-    keep_weeks: int = 26
+    keep_weeks: int = 4
 
     def __post_init__(self) -> None:
         """Design the charts."""
@@ -285,7 +286,7 @@ class DriftMonitor:
         onset, isolation = None, None
         alarmed = verdicts.phase == Phase.ALARM
         if alarmed.any():
-            age = int(min(verdicts.onset_age[alarmed].max(), self.keep_weeks))
+            age = int(verdicts.onset_age[alarmed].max())
             onset = time - max(age, 1) * WEEK
             isolation = self._isolate(onset)
         phase = verdicts.phase.astype(np.int64)
@@ -301,7 +302,10 @@ class DriftMonitor:
         self.chart.reset()
 
     def _isolate(self, onset: int) -> Isolation | None:
-        """Compare the two single explanations on the weeks since the onset."""
+        """Compare the single explanations on the newest weeks since the onset.
+
+        Few weeks: a fault that grows, seen over months of changing weather, is no single change any more.
+        """
         b = self.baseline
         weeks = [m for t, m in self._recent if t > onset and m.n > 0]
         grouped = Moments(

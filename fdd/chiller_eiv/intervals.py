@@ -11,7 +11,7 @@ from scipy.stats import t as student
 
 from fdd.chiller_eiv.estimators import Estimator, choose_k, normal_equations, solve
 from fdd.chiller_eiv.moments import Moments, Terms
-from fdd.records import FloatArray
+from fdd.records import FloatArray, IntArray
 
 
 def sandwich(terms: Terms, beta: FloatArray, k: float) -> FloatArray:
@@ -75,6 +75,6 @@ def half_width(se: FloatArray, freedom: FloatArray | float, level: float = 0.95)
     return np.asarray(se * student.ppf(0.5 + level / 2, np.maximum(freedom, 1.0)))
 
 
-def groups_of(n: int, groups: int) -> FloatArray:
+def groups_of(n: int, groups: int) -> IntArray:
     """Split n points in order into ``groups`` equal groups where there are no days to go by, shape (n,) of indices."""
-    return np.minimum(np.arange(n) * groups // max(n, 1), groups - 1)
+    return np.asarray(np.minimum(np.arange(n, dtype=np.int64) * groups // max(n, 1), groups - 1))

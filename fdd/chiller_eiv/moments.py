@@ -134,7 +134,7 @@ def _terms(
 
 
 def regression_terms(
-    form: Form, x: FloatArray, cov: FloatArray, method: Method = "exact", draws: int = 2000, seed: int = 0
+    form: Form, x: FloatArray, cov: FloatArray, method: Method = "exact", draws: int | None = None, seed: int = 0
 ) -> Terms:
     """Terms and error covariances of every point.
 
@@ -144,7 +144,7 @@ def regression_terms(
     x : shape (n, m), measurements in the form's order [K, W, 1]
     cov : shape (n, m, m) or (m, m), covariance of their random errors
     method : see the module's text
-    draws, seed : for ``simulation`` only
+    draws, seed : for ``simulation`` only; 100 to 2000 draws, fewer for more points, where not given
 
     Raises
     ------
@@ -160,7 +160,7 @@ def regression_terms(
     cov = np.ascontiguousarray(np.broadcast_to(cov, (len(x), m, m)))
     x = np.ascontiguousarray(x, dtype=float)
     if method == "simulation":
-        return _simulated(form, x, cov, draws, seed)
+        return _simulated(form, x, cov, draws or min(2000, max(100, 10**6 // max(len(x), 1))), seed)
     z, C = _terms(form.coefficients, form.exponents, x, cov, _CODE[method])
     return Terms(z, C)
 

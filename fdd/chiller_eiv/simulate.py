@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.signal import lfilter
 
 from fdd.chiller_eiv.model import GordonNg, power
 from fdd.records import FloatArray
@@ -48,12 +49,8 @@ def design(kind: Literal["wide", "narrow"], n: int) -> FloatArray:
 def autocorrelated(rng: np.random.Generator, n: int, correlation: float, sd: float) -> FloatArray:
     """A stationary AR(1) series of n values."""
     e = rng.standard_normal(n) * np.sqrt(1 - correlation**2)
-    out = np.empty(n)
-    last = rng.standard_normal()
-    for i in range(n):
-        last = correlation * last + e[i]
-        out[i] = last
-    return out * sd
+    out, _ = lfilter([1.0], [1.0, -correlation], e, zi=[correlation * rng.standard_normal()])
+    return np.asarray(out * sd)
 
 
 @dataclass(frozen=True, slots=True)

@@ -160,6 +160,7 @@ def steady_points(
     limits: SteadyLimits | None = None,
     running: NDArray[np.bool_] | None = None,
     others_running: NDArray[np.bool_] | None = None,
+    settled: bool = False,
 ) -> tuple[SteadyPoints, SteadyReport]:
     """Find the steady points of one chiller in raw data.
 
@@ -170,8 +171,9 @@ def steady_points(
     instruments : what is measured and how well
     rated_load : rated capacity [W], for the part-load test
     limits : what counts as steady
-    running : shape (N,), whether the compressor runs; taken from power above 5 % of its 95th percentile if not given
+    running : shape (N,), whether the compressor runs; taken from power above 1 % of the rated load if not given
     others_running : shape (N,), whether another machine shares the flow
+    settled : whether the machine had been running for long enough before the first sample
 
     Raises
     ------
@@ -179,14 +181,14 @@ def steady_points(
     """
     limits = limits or SteadyLimits()
     _check(time, raw, instruments)
-    period = float(np.median(np.diff(time))) / NANOSECONDS if len(time) > 1 else limits.window
+    period = float(np.median(np.diff(time))) / NANOSECONDS if len(time) > 1 else limits.window / 3
     names = tuple(k for k in RAW_UNITS if k in raw)
     tested = tuple(
         k for k in (*_TEMPERATURES, *_FLOWS) if k in raw and k in (*instruments.needed(), "flow_cd", "T_cdo")
     )
     # The condenser side only takes part where it is measured throughout: a dead extra sensor must not cost every point.
     tested = tuple(k for k in tested if k in instruments.needed() or np.isfinite(raw[k]).mean() > 0.9)
-    on = running if running is not None else _running(raw["power"])
+    on = running if running is not None else ~(raw["power"] <= 0.01 * rated_load)
     sd_limit, slope_limit = _limits(raw, tested, instruments, limits)
     window = max(3, round(limits.window / period))
     reason, ends = _scan(
@@ -200,6 +202,7 @@ def steady_points(
         slope_limit,
         round(limits.settling * NANOSECONDS),
         round(limits.gap * period * NANOSECONDS),
+        settled,
     )
     points = _average(time, raw, names, ends, window)
     keep, why = _accept(points, instruments, rated_load, limits)
@@ -221,13 +224,6 @@ def _check(time: IntArray, raw: Mapping[str, FloatArray], instruments: Instrumen
     back = np.flatnonzero(np.diff(time) <= 0)
     if len(back):
         raise ChillerError(f"times must increase; sample {back[0] + 1} does not: sort the data and drop duplicates")
-
-
-def _running(power: FloatArray) -> NDArray[np.bool_]:
-    finite = power[np.isfinite(power)]
-    if not len(finite):
-        return np.zeros(len(power), dtype=bool)
-    return np.asarray(~(power <= 0.05 * np.percentile(finite, 95)))
 
 
 def _limits(
@@ -302,6 +298,7 @@ def _scan(
     slope_limit: FloatArray,
     settling: int,
     gap: int,
+    settled: bool,
 ) -> tuple[NDArray[np.int8], IntArray]:
     n = len(time)
     reason = np.full(n, 11, dtype=np.int8)
@@ -317,7 +314,7 @@ def _scan(
             began = -1
             continue
         if began < 0 or (i > 0 and others[i] != others[i - 1]):
-            began = time[i]
+            began = time[i] - settling if settled and i == 0 else time[i]
             start = -1
         if others[i]:
             reason[i] = 10

@@ -1,0 +1,100 @@
+"""What the service and the study must know about one chiller."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from fdd.chiller_eiv.drift import DriftOptions
+from fdd.chiller_eiv.errors import RAW_UNITS, Instrumentation
+from fdd.chiller_eiv.fit import FitOptions, Prior
+from fdd.chiller_eiv.forms import (
+    DIVISION_FREE,
+    VARIABLE_FLOW,
+    VARIABLE_SPEED,
+    Form,
+    variable_flow_and_speed_by_load,
+    variable_speed_by_load,
+)
+from fdd.chiller_eiv.gate import GateLimits
+from fdd.chiller_eiv.model import ChillerError
+from fdd.chiller_eiv.steady_state import SteadyLimits
+
+
+@dataclass(frozen=True)
+class ChillerConfig:
+    """One chiller's declaration.
+
+    Attributes
+    ----------
+    name : as in the site file
+    rated_load : rated capacity [W]
+    instruments : what is measured and how well
+    speed : compressor speed: ``fixed``, ``measured`` (quantity ``speed``), or ``by load`` where the drive's speed is
+        unknown
+    condenser_flow : ``fixed``, or ``measured`` where it varies (quantity ``flow_cd``)
+    leak : heat leak where it is known from elsewhere [W]
+    priors : Gaussian knowledge or bounds by parameter
+    steady, gate, drift : limits and options of the stages
+    residual_false_alarms : a year, for the power residual's and each approach's daily chart [1/a]
+    baseline_days : length of the healthy period the baseline is learned from [d]
+    price, currency : of electricity [currency/kWh]
+    """
+
+    name: str
+    rated_load: float
+    instruments: Instrumentation
+    speed: Literal["fixed", "measured", "by load"] = "fixed"
+    condenser_flow: Literal["fixed", "measured"] = "fixed"
+    leak: float | None = None
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+    steady: SteadyLimits = field(default_factory=SteadyLimits)
+    gate: GateLimits = field(default_factory=GateLimits)
+    drift: DriftOptions = field(default_factory=DriftOptions)
+    residual_false_alarms: float = 0.25
+    baseline_days: float = 84.0
+    price: float = float("nan")
+    currency: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work together."""
+        if not self.rated_load > 0:
+            raise ChillerError(f"chiller {self.name!r}: rated_load must be positive; got {self.rated_load!r} W")
+        if self.speed == "measured" and self.condenser_flow == "measured":
+            raise ChillerError(
+                f"chiller {self.name!r}: measured speed together with measured condenser flow is not supported; "
+                "set speed to 'by load'"
+            )
+        if self.condenser_flow == "measured" and not self.instruments.nominal_flow_cd:
+            raise ChillerError(f"chiller {self.name!r}: variable condenser flow needs nominal_flow_cd [kg/s]")
+
+    def form(self) -> Form:
+        """The regression form whose parameters are estimated."""
+        if self.condenser_flow == "measured":
+            return variable_flow_and_speed_by_load(self.rated_load) if self.speed == "by load" else VARIABLE_FLOW
+        if self.speed == "measured":
+            return VARIABLE_SPEED
+        return variable_speed_by_load(self.rated_load) if self.speed == "by load" else DIVISION_FREE
+
+    def prediction_forms(self) -> tuple[Form, ...]:
+        """Candidates for the prediction of power; left-out days decide."""
+        forms: list[Form] = [DIVISION_FREE, variable_speed_by_load(self.rated_load)]
+        if self.condenser_flow == "measured":
+            forms += [VARIABLE_FLOW, variable_flow_and_speed_by_load(self.rated_load)]
+        if self.speed == "measured":
+            forms.append(VARIABLE_SPEED)
+        return tuple(forms)
+
+    def fit_options(self) -> FitOptions:
+        """How parameters are fitted."""
+        return FitOptions(form=self.form(), priors=self.priors)
+
+    def quantities(self) -> tuple[str, ...]:
+        """Raw quantities this chiller must deliver, names of ``errors.RAW_UNITS``."""
+        need = list(self.instruments.needed())
+        if self.condenser_flow == "measured":
+            need.append("flow_cd")
+        if self.speed == "measured":
+            need.append("speed")
+        return tuple(k for k in RAW_UNITS if k in need)

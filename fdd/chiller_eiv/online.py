@@ -1,0 +1,334 @@
+"""One chiller in the running service: samples in, steady points, daily and weekly verdicts out.
+
+Functional core: no clock, no disk; everything follows from the samples' own times. Raw samples are gathered for a day
+(UTC) and turned into steady points when the first sample of the next day arrives; weeks close the same way. The same
+samples give the same verdicts in one batch or many, before or after a restart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fdd.chiller_eiv.baseline import POWER, ChillerBaseline, learn_baseline
+from fdd.chiller_eiv.checks import Finding, SensorCheck, check_balance, diagnose
+from fdd.chiller_eiv.config import ChillerConfig
+from fdd.chiller_eiv.cost import ExtraCost, extra_cost
+from fdd.chiller_eiv.drift import WEEK, DriftMonitor, DriftVerdict
+from fdd.chiller_eiv.errors import RAW_UNITS
+from fdd.chiller_eiv.model import ChillerError
+from fdd.chiller_eiv.power_residual import DAY, DailyMonitor, DailyVerdict, daily_medians
+from fdd.chiller_eiv.steady_state import SteadyPoints, steady_points
+from fdd.records import FloatArray, IntArray, JsonObject
+
+RECENT_WEEKS = 8
+"""Weeks of steady points kept for sensor checks and cost."""
+
+
+@dataclass(frozen=True)
+class ChillerOutputs:
+    """What one closed day gave.
+
+    Attributes
+    ----------
+    time : end of the day [ns]
+    points : its steady points
+    residual : relative power residual of each point; empty while the baseline is being learned
+    rejected : raw samples by reason
+    daily : verdict by series: the power residual and the approaches
+    weekly : verdict of the parameter charts where a week ended with this day
+    finding : words for a parameter drift that is in alarm
+    sensors : heat-balance check that goes with the finding
+    cost : extra consumption over the last week, where any chart is in alarm
+    learned : the baseline, on the day it was learned
+    note : why there is no baseline yet, while there is none
+    """
+
+    time: int
+    points: SteadyPoints
+    residual: FloatArray
+    rejected: Mapping[str, int]
+    daily: Mapping[str, DailyVerdict] = field(default_factory=dict)
+    weekly: DriftVerdict | None = None
+    finding: Finding | None = None
+    sensors: SensorCheck | None = None
+    cost: ExtraCost | None = None
+    learned: ChillerBaseline | None = None
+    note: str = ""
+
+    @property
+    def alarm(self) -> bool:
+        """Whether any chart is in alarm."""
+        return any(v.alarm for v in self.daily.values()) or (self.weekly is not None and self.weekly.alarm)
+
+
+@dataclass
+class ChillerMonitor:
+    """Charts of one chiller.
+
+    Parameters
+    ----------
+    config : its declaration
+    baseline : where there is one; otherwise it is learned from the first ``config.baseline_days`` of samples
+    """
+
+    config: ChillerConfig
+    baseline: ChillerBaseline | None = None
+
+    def __post_init__(self) -> None:
+        """Begin with nothing seen."""
+        self._names = tuple(RAW_UNITS)
+        self._rows: list[list[float]] = []
+        self._times: list[int] = []
+        self._settled = False
+        self._first: int | None = None
+        self._last: int | None = None
+        self._points: list[SteadyPoints] = []
+        self._hours: list[float] = []
+        self._last_week = 0
+        self._charts()
+
+    def _charts(self) -> None:
+        b, c = self.baseline, self.config
+        self._daily: dict[str, DailyMonitor] = {}
+        self._drift: DriftMonitor | None = None
+        if b is None:
+            return
+        for name, reference in b.references.items():
+            self._daily[name] = DailyMonitor(reference, c.residual_false_alarms, b.availability)
+        if b.drift is not None:
+            self._drift = DriftMonitor(b.drift, c.form(), c.drift)
+
+    def update(self, time: int, values: Mapping[str, float]) -> tuple[ChillerOutputs, ...]:
+        """Take one sample of every quantity.
+
+        Parameters
+        ----------
+        time : event time [ns]; must not go back (the engine orders samples)
+        values : raw quantities, names and units of ``errors.RAW_UNITS``; missing or NaN: nothing seen
+
+        Returns
+        -------
+        The outputs of every day that this sample closed; mostly none
+        """
+        if self._last is not None and time <= self._last:
+            raise ChillerError(
+                f"chiller {self.config.name!r}: sample at {time} ns is not after the last one at {self._last} ns; "
+                "order samples and drop duplicates before they come here"
+            )
+        out: tuple[ChillerOutputs, ...] = ()
+        if self._times and time // DAY != self._times[0] // DAY:
+            out = (self._close_day(),)
+        if self._first is None:
+            self._first = time
+            self._last_week = time // WEEK
+        self._last = time
+        self._times.append(time)
+        self._rows.append([float(values.get(k, np.nan)) for k in self._names])
+        return out
+
+    def finish(self) -> tuple[ChillerOutputs, ...]:
+        """Close the last day at the end of a replay."""
+        return (self._close_day(),) if self._times else ()
+
+    def reset(self, baseline: ChillerBaseline | None = None) -> None:
+        """Clear the alarms; with a new baseline after a repair."""
+        if baseline is not None:
+            self.baseline = baseline
+            self._charts()
+        for m in self._daily.values():
+            m.reset()
+        if self._drift is not None:
+            self._drift.reset()
+
+    def _close_day(self) -> ChillerOutputs:
+        time = np.array(self._times, dtype=np.int64)
+        table = np.array(self._rows)
+        self._times, self._rows = [], []
+        end = int(time[0] // DAY + 1) * DAY
+        points, rejected, hours = self._steady(time, table)
+        self._points = [*self._points, points]
+        self._hours = [*self._hours, hours][-7:]
+        learned, note = None, ""
+        if self.baseline is None:
+            learned, note = self._learn(end)
+            return ChillerOutputs(end, points, np.zeros(0), rejected, learned=learned, note=note)
+        return self._watch(end, points, rejected)
+
+    def _steady(self, time: IntArray, table: FloatArray) -> tuple[SteadyPoints, Mapping[str, int], float]:
+        needed = self.config.instruments.needed()
+        raw = {k: table[:, i] for i, k in enumerate(self._names) if k in needed or np.isfinite(table[:, i]).any()}
+        on = ~(raw["power"] <= 0.01 * self.config.rated_load)
+        points, report = steady_points(
+            time,
+            raw,
+            self.config.instruments,
+            rated_load=self.config.rated_load,
+            limits=self.config.steady,
+            running=on,
+            settled=self._settled,
+        )
+        tail = time >= time[-1] - round(self.config.steady.settling * 1e9)
+        self._settled = bool(on[tail].all() and tail.sum() > 1)
+        return points, report.counts(), 24.0 * float(on.mean())
+
+    def _learn(self, end: int) -> tuple[ChillerBaseline | None, str]:
+        begin = 0 if self._first is None else self._first
+        days = (end - begin) / DAY
+        if days < self.config.baseline_days:
+            return None, f"learning: {days:.0f} of {self.config.baseline_days:.0f} days"
+        try:
+            self.baseline, _ = learn_baseline(join(self._points), self.config)
+        except ChillerError as e:
+            return None, f"still learning: {e}"
+        self._points = self._points[-7:]
+        self._last_week = end // WEEK
+        self._charts()
+        return self.baseline, ""
+
+    def _watch(self, end: int, points: SteadyPoints, rejected: Mapping[str, int]) -> ChillerOutputs:
+        assert self.baseline is not None
+        self._points = [p for p in self._points if len(p) and p.time[-1] > end - RECENT_WEEKS * WEEK]
+        series = self.baseline.series(points, self.config) if len(points) else {}
+        daily = {}
+        for name, monitor in self._daily.items():
+            _, medians = daily_medians(points.time, series[name]) if name in series else (None, np.zeros(0))
+            daily[name] = monitor.update(end, float(medians[0]) if len(medians) else np.nan)
+        weekly = self._close_weeks(end)
+        finding, sensors = self._finding(weekly, daily)
+        alarm = any(v.alarm for v in daily.values()) or (weekly is not None and weekly.alarm)
+        cost = self._cost(end) if alarm else None
+        return ChillerOutputs(
+            end, points, series.get(POWER, np.zeros(0)), rejected, daily, weekly, finding, sensors, cost
+        )
+
+    def _close_weeks(self, end: int) -> DriftVerdict | None:
+        """Chart every week that ended since the last one charted; the verdict of the newest."""
+        verdict = None
+        for week in range(self._last_week + 1, end // WEEK + 1):
+            self._last_week = week
+            if self._drift is not None:
+                verdict = self._chart_week(self._drift, week * WEEK)
+        return verdict
+
+    def _chart_week(self, drift: DriftMonitor, stop: int) -> DriftVerdict:
+        week = join([p for p in self._points if len(p) and stop - WEEK < p.time[-1] <= stop])
+        m = len(drift.form.measured)
+        x, cov = np.zeros((0, m)), np.zeros((0, m, m))
+        if len(week):
+            x, cov = week.regressors(self.config.instruments, drift.form.measured)
+        return drift.update(stop, x, cov)
+
+    def _finding(
+        self, weekly: DriftVerdict | None, daily: Mapping[str, DailyVerdict]
+    ) -> tuple[Finding | None, SensorCheck | None]:
+        if weekly is None or not weekly.alarm or weekly.isolation is None or weekly.onset is None:
+            return None, None
+        assert self.baseline is not None
+        recent = [p.balance for p in self._points if len(p) and p.time[-1] > weekly.onset]
+        sensors = check_balance(self.baseline.balance, np.concatenate(recent) if recent else np.zeros(0))
+        sides = {k: v.value for k, v in daily.items() if k != POWER and v.alarm}
+        since = str(np.datetime64(weekly.onset, "ns").astype("datetime64[D]"))
+        return diagnose(weekly.isolation, since, sensors, sides), sensors
+
+    def _cost(self, end: int) -> ExtraCost | None:
+        assert self.baseline is not None
+        recent = [p for p in self._points if len(p) and p.time[-1] > end - WEEK]
+        if not recent:
+            return None
+        power = self.baseline.power
+        x, _ = join(recent).regressors(self.config.instruments, power.form.measured)
+        reference = self.baseline.references[POWER]
+        return extra_cost(
+            power.form,
+            power.machine,
+            x,
+            hours_a_day=float(np.mean(self._hours)),
+            price=self.config.price,
+            model_sd=reference.sd / np.sqrt(len(recent)),
+        )
+
+    def export_state(self) -> JsonObject:
+        """Plain data: JSON scalars, lists and numpy arrays."""
+        return {
+            "schema": 1,
+            "times": np.array(self._times, dtype=np.int64),
+            "rows": np.array(self._rows).reshape(len(self._rows), len(self._names)),
+            "settled": self._settled,
+            "first": self._first,
+            "last": self._last,
+            "hours": list(self._hours),
+            "points": [export_points(p) for p in self._points],
+            "baseline": None if self.baseline is None else self.baseline.export_state(),
+            "daily": {k: m.export_state() for k, m in self._daily.items()},
+            "drift": None if self._drift is None else self._drift.export_state(),
+            "last_week": self._last_week,
+        }
+
+    def restore_state(self, state: JsonObject) -> None:
+        """Continue where ``export_state`` was called.
+
+        Raises
+        ------
+        ChillerError : state of another schema
+        """
+        if state.get("schema") != 1:
+            raise ChillerError(f"chiller state has schema {state.get('schema')!r}, this version reads 1: start it anew")
+        self.baseline = None if state["baseline"] is None else ChillerBaseline.of_state(state["baseline"], self.config)
+        self._charts()
+        self._times = [int(t) for t in state["times"]]
+        self._rows = [[float(v) for v in r] for r in np.asarray(state["rows"]).reshape(-1, len(self._names))]
+        self._settled = bool(state["settled"])
+        self._first = None if state["first"] is None else int(state["first"])
+        self._last = None if state["last"] is None else int(state["last"])
+        self._hours = [float(h) for h in state["hours"]]
+        self._points = [points_of_state(p) for p in state["points"]]
+        for k, m in self._daily.items():
+            m.restore_state(state["daily"][k])
+        if self._drift is not None and state["drift"] is not None:
+            self._drift.restore_state(state["drift"])
+        self._last_week = int(state["last_week"])
+
+
+def join(parts: list[SteadyPoints]) -> SteadyPoints:
+    """Points of several spans as one; quantities that not all have become NaN where missing."""
+    filled = [p for p in parts if len(p)]
+    if not filled:
+        empty = np.zeros(0)
+        return SteadyPoints(np.zeros(0, np.int64), np.zeros(0, np.int64), {k: empty for k in RAW_UNITS}, {}, empty)
+    names = [k for k in RAW_UNITS if any(k in p.raw for p in filled)]
+
+    def column(which: str, k: str) -> FloatArray:
+        return np.concatenate([getattr(p, which).get(k, np.full(len(p), np.nan)) for p in filled])
+
+    return SteadyPoints(
+        np.concatenate([p.time for p in filled]),
+        np.concatenate([p.samples for p in filled]),
+        {k: column("raw", k) for k in names},
+        {k: column("standard_error", k) for k in names},
+        np.concatenate([p.balance for p in filled]),
+    )
+
+
+def export_points(points: SteadyPoints) -> JsonObject:
+    """Steady points as plain data."""
+    return {
+        "time": points.time,
+        "samples": points.samples,
+        "raw": dict(points.raw),
+        "standard_error": dict(points.standard_error),
+        "balance": points.balance,
+    }
+
+
+def points_of_state(state: JsonObject) -> SteadyPoints:
+    """Steady points from plain data."""
+    return SteadyPoints(
+        np.asarray(state["time"], dtype=np.int64),
+        np.asarray(state["samples"], dtype=np.int64),
+        {k: np.asarray(v, dtype=float) for k, v in state["raw"].items()},
+        {k: np.asarray(v, dtype=float) for k, v in state["standard_error"].items()},
+        np.asarray(state["balance"], dtype=float),
+    )
