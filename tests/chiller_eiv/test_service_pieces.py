@@ -1,0 +1,243 @@
+"""The study and the online monitor on a simulated machine whose condenser fouls."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fdd.chiller_eiv.baseline import POWER, ChillerBaseline
+from fdd.chiller_eiv.checks import check_balance, diagnose
+from fdd.chiller_eiv.config import ChillerConfig
+from fdd.chiller_eiv.cost import extra_cost
+from fdd.chiller_eiv.drift import Isolation
+from fdd.chiller_eiv.errors import Instrumentation, SensorError
+from fdd.chiller_eiv.forms import DIVISION_FREE
+from fdd.chiller_eiv.model import ChillerError
+from fdd.chiller_eiv.online import ChillerMonitor, ChillerOutputs
+from fdd.chiller_eiv.power_residual import DAY, DailyMonitor, Reference, daily_medians, fit_power_model, learn_reference
+from fdd.chiller_eiv.simulate import LAB_CHILLER, design, operate, raw_week
+from fdd.chiller_eiv.steady_state import SteadyLimits
+from fdd.chiller_eiv.study import ChillerData, StudyResult, study
+from fdd.chiller_eiv.study_report import write_html
+
+PERIOD = 900 * 10**9
+BASE, DAYS = 70, 126
+START = 20_000 * DAY
+
+
+def fouling(day: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    one = np.ones_like(day)
+    return one, 1 + 0.25 * (day >= 84), 0 * one
+
+
+@pytest.fixture(scope="module")
+def data() -> ChillerData:
+    """A quarter-hourly record, two days of it lost and nights off in one week."""
+    o = operate(DAYS, 4, noise=0.0, fault=fouling, first_day=120)
+    n = DAYS * 96
+    raw = {k: v[::3] for k, v in raw_week(o, 1, samples=DAYS * 288).items()}
+    rng = np.random.default_rng(2)
+    truth = np.repeat(o.truth, 4, axis=0)
+    raw["flow_cd"] = 0.6 * (1 + 0.005 * rng.standard_normal(n))
+    raw["T_cdo"] = raw["T_cdi"] + (truth[:, 2] + truth[:, 3]) / 4190 / 0.6
+    raw["T_sat_cd"] = raw["T_cdo"] + 2e-4 * truth[:, 2] * fouling(np.arange(n) / 96)[1] + 0.05 * rng.standard_normal(n)
+    raw["power"][96 * 40 : 96 * 40 + 30] = 0.0
+    time = START + np.arange(n, dtype=np.int64) * PERIOD
+    keep = (np.arange(n) < 96 * 50) | (np.arange(n) >= 96 * 52)
+    return ChillerData(time[keep], {k: v[keep] for k, v in raw.items()})
+
+
+CONFIG = ChillerConfig(
+    "lab",
+    10.5e3,
+    Instrumentation(
+        {
+            "T_cdi": SensorError(0.05),
+            "T_chi": SensorError(0.05),
+            "T_cho": SensorError(0.05),
+            "flow_ch": SensorError(relative=0.005),
+            "power": SensorError(relative=0.002),
+        }
+    ),
+    steady=SteadyLimits(window=2700),
+    baseline_days=BASE,
+    price=0.2,
+    currency="EUR",
+)
+
+
+@pytest.fixture(scope="module")
+def result(data: ChillerData) -> StudyResult:
+    return study(data, CONFIG)
+
+
+def replay(data: ChillerData, monitor: ChillerMonitor, first: int, last: int) -> list[ChillerOutputs]:
+    out: list[ChillerOutputs] = []
+    for i in range(first, last):
+        out += monitor.update(int(data.time[i]), {k: float(v[i]) for k, v in data.raw.items()})
+    return out
+
+
+@pytest.fixture(scope="module")
+def outputs(data: ChillerData) -> list[ChillerOutputs]:
+    monitor = ChillerMonitor(CONFIG)
+    return [*replay(data, monitor, 0, len(data.time)), *monitor.finish()]
+
+
+def test_the_study_finds_the_fouled_condenser(result: StudyResult) -> None:
+    assert result.finding is not None
+    assert result.finding.cause == "heat-exchanger resistance"
+    assert "up 25" in result.finding.sentence or "up 24" in result.finding.sentence
+    assert "condenser side likely" in result.finding.sentence
+    assert result.cost is not None
+    assert result.cost.energy_day > 3 * result.cost.energy_day_se > 0
+    truth = LAB_CHILLER.R
+    assert result.decision.fit.values()["R"] == pytest.approx(truth, rel=0.05)
+
+
+def test_the_study_is_quiet_before_the_fault(result: StudyResult) -> None:
+    onset = START + 84 * DAY
+    for verdicts in result.daily.values():
+        assert not any(v.alarm for v in verdicts if v.time <= onset)
+    assert not any(v.alarm for v in result.weekly if v.time <= onset)
+
+
+def test_the_page_holds_everything_and_loads_nothing(result: StudyResult, tmp_path: Path) -> None:
+    text = write_html(result, tmp_path / "study.html").read_text()
+    for word in ("capped", "orthogonal", "temperature not steady", "Weekly charts", "kWh a day", "<svg"):
+        assert word in text
+    assert "<script" not in text
+    assert 'src="http' not in text
+
+
+def test_online_finds_the_same_as_the_study(outputs: list[ChillerOutputs], result: StudyResult) -> None:
+    findings = [o.finding for o in outputs if o.finding is not None]
+    assert findings[-1].cause == "heat-exchanger resistance"
+    assert "condenser side likely" in findings[-1].sentence
+    onset = START + 84 * DAY
+    assert not any(o.alarm for o in outputs if o.time <= onset)
+    first = next(o.time for o in outputs if o.alarm)
+    assert first <= onset + 14 * DAY
+    learned = next(o.learned for o in outputs if o.learned is not None)
+    assert learned.level == result.baseline.level
+    assert any(o.cost is not None and o.cost.money_day > 0 for o in outputs)
+
+
+def test_online_is_the_same_after_a_restart_in_the_middle_of_a_day(
+    data: ChillerData, outputs: list[ChillerOutputs]
+) -> None:
+    cuts = (96 * 30 + 17, 96 * 90 + 50)
+    monitor, out, first = ChillerMonitor(CONFIG), [], 0
+    for cut in (*cuts, len(data.time)):
+        out += replay(data, monitor, first, cut)
+        state = monitor.export_state()
+        monitor = ChillerMonitor(CONFIG)
+        monitor.restore_state(state)
+        first = cut
+    out += monitor.finish()
+    assert len(out) == len(outputs)
+    for a, b in zip(out, outputs, strict=True):
+        assert a.time == b.time
+        assert {k: (v.phase, v.statistic) for k, v in a.daily.items()} == {
+            k: (v.phase, v.statistic) for k, v in b.daily.items()
+        }
+        assert a.finding == b.finding
+        assert a.cost == b.cost
+
+
+def test_online_counts_every_sample(data: ChillerData, outputs: list[ChillerOutputs]) -> None:
+    assert sum(sum(o.rejected.values()) for o in outputs) == len(data.time)
+
+
+def test_online_refuses_time_that_goes_back() -> None:
+    monitor = ChillerMonitor(CONFIG)
+    monitor.update(10, {"power": 1.0})
+    with pytest.raises(ChillerError, match="order samples"):
+        monitor.update(10, {"power": 1.0})
+
+
+def test_a_baseline_survives_export(result: StudyResult) -> None:
+    state = result.baseline.export_state()
+    again = ChillerBaseline.of_state(state, CONFIG)
+    assert again.power == result.baseline.power
+    assert again.references == result.baseline.references
+    assert again.drift is not None
+    assert result.baseline.drift is not None
+    np.testing.assert_array_equal(again.drift.estimate, result.baseline.drift.estimate)
+    with pytest.raises(ChillerError, match="schema"):
+        ChillerBaseline.of_state({**state, "schema": 2}, CONFIG)
+
+
+def test_a_low_flow_reading_is_named_before_fouling() -> None:
+    rng = np.random.default_rng(0)
+    before, now = 0.01 * rng.standard_normal(200), 0.04 + 0.01 * rng.standard_normal(50)
+    isolation = Isolation("R", "heat-exchanger resistance", 0.99, 0.11, 0.08, 0.14, {}, 4)
+    finding = diagnose(isolation, "2025-03-03", check_balance(before, now))
+    assert finding.cause == "sensor"
+    assert "evaporator flow" in finding.sentence
+    unchecked = diagnose(isolation, "2025-03-03", check_balance(before, np.zeros(0)))
+    assert unchecked.sentence.endswith("check flow meter first")
+    assert unchecked.checks[0] == "flow meter"
+    clean = diagnose(isolation, "2025-03-03", check_balance(before, now - 0.04), {"evaporator approach": 0.5})
+    assert "evaporator side likely" in clean.sentence
+    assert "up 11 % (8 to 14 %) since 2025-03-03" in clean.sentence
+
+
+def test_robust_power_model_ignores_another_mode() -> None:
+    rng = np.random.default_rng(3)
+    x = design("wide", 300)
+    x[:, 3] *= 1 + 0.005 * rng.standard_normal(300)
+    x[::8, 3] *= 1.18
+    model = fit_power_model(x, DIVISION_FREE)
+    exact = design("wide", 30)
+    assert np.max(np.abs(model.residual(exact))) < 0.01
+    assert model.spread < 0.01
+
+
+def test_daily_chart_finds_five_per_cent_and_not_one_odd_day() -> None:
+    monitor = DailyMonitor(Reference(0.0, 0.01, 60))
+    values = [0.0, 0.15, 0.0, 0.0, 0.0, *[0.05] * 10]
+    verdicts = [monitor.update((i + 1) * DAY, v) for i, v in enumerate(values)]
+    assert not any(v.alarm for v in verdicts[:5])
+    assert next(i for i, v in enumerate(verdicts) if v.alarm) <= 8
+    assert np.isnan(monitor.update(99 * DAY, np.nan).z)
+
+
+def test_reference_widens_for_days_that_depend_on_each_other() -> None:
+    rng = np.random.default_rng(4)
+    white = rng.standard_normal(400)
+    slow = np.convolve(rng.standard_normal(401), [1.0, 1.0], "valid") / np.sqrt(2)
+    assert learn_reference(white).sd == pytest.approx(1.0, rel=0.15)
+    assert learn_reference(slow).sd > 1.4
+    with pytest.raises(ChillerError, match="too few"):
+        learn_reference(white[:3])
+    days, medians = daily_medians(np.arange(10, dtype=np.int64) * DAY // 4, np.arange(10.0))
+    np.testing.assert_array_equal(days, np.array([1, 2, 3]) * DAY)
+    np.testing.assert_allclose(medians, [1.5, 5.5, 8.5])
+
+
+def test_cost_is_extra_power_times_running_hours() -> None:
+    x = design("wide", 30)
+    x[:, 3] += 100.0
+    c = extra_cost(DIVISION_FREE, LAB_CHILLER, x, hours_a_day=10.0, price=0.25)
+    assert c.energy_day == pytest.approx(1.0)
+    assert c.money_day == pytest.approx(0.25)
+    with pytest.raises(ChillerError, match="between 0 and 24"):
+        extra_cost(DIVISION_FREE, LAB_CHILLER, x, hours_a_day=25.0)
+
+
+def test_config_says_what_must_be_measured() -> None:
+    assert CONFIG.quantities() == ("T_cdi", "T_chi", "T_cho", "flow_ch", "power")
+    with pytest.raises(ChillerError, match="nominal_flow_cd"):
+        ChillerConfig("a", 1e6, CONFIG.instruments, condenser_flow="measured")
+    with pytest.raises(ChillerError, match="rated_load"):
+        ChillerConfig("a", 0.0, CONFIG.instruments)
+
+
+def test_online_reports_the_power_residual_of_each_point(outputs: list[ChillerOutputs]) -> None:
+    watched = [o for o in outputs if POWER in o.daily and len(o.points)]
+    assert watched
+    for o in watched:
+        assert len(o.residual) == len(o.points)
