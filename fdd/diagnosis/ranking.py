@@ -6,10 +6,16 @@ The evidence says which charts rang, and to which side. Agreement speaks for a c
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from fdd.models.declare import ComponentModel, Fault
 from fdd.records import Alarm, JsonObject
+
+# Each sign that agrees multiplies a cause's odds by this, each that does not divides them.
+WEIGHT = 3.0
+# A parameter with less than this share of the strongest one's evidence may only be its shadow.
+SHADOW = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,15 +27,25 @@ class Finding:
     checks: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class _Signs:
+    """Which way the charts that rang point: outputs that are mispredicted, parameters that have moved."""
+
+    outputs: Mapping[str, int]
+    parameters: Mapping[str, int]
+
+
 def diagnose(model: ComponentModel, alarm: Alarm) -> Finding:
     """Likely causes of an alarm, ranked, with what speaks for and against each.
 
     Parameters
     ----------
     model : the component's declaration; its fault table gives the hypotheses
-    alarm : with ``evidence["charts"]``, chart name to ``symbol`` and ``direction``
+    alarm : with ``evidence["charts"]``, chart name to ``symbol``, ``direction`` and, from score charts, ``change`` and
+        ``standard_error``
     """
-    signs = {c["symbol"]: c["direction"] for c in alarm.evidence["charts"].values()}
+    charts = list(alarm.evidence["charts"].values())
+    signs = _signs(model, charts)
     ranked = sorted((_judge(fault, signs) for fault in model.faults), key=lambda c: -float(c["likelihood"]))
     total = sum(float(c["likelihood"]) for c in ranked) or 1.0
     causes = tuple({**c, "likelihood": round(float(c["likelihood"]) / total, 3)} for c in ranked)
@@ -37,26 +53,40 @@ def diagnose(model: ComponentModel, alarm: Alarm) -> Finding:
     return Finding(_summary(model, alarm, signs, causes), causes, checks)
 
 
-def _judge(fault: Fault, signs: dict[str, int]) -> JsonObject:
-    """Weigh one hypothesis: each sign that agrees triples its odds, each that does not divides them by three."""
+def _signs(model: ComponentModel, charts: list[JsonObject]) -> _Signs:
+    names = {q.symbol for q in model.outputs}
+    outputs = {c["symbol"]: int(c["direction"]) for c in charts if c["symbol"] in names}
+    moved = {c["symbol"]: (int(c["direction"]), _strength(c)) for c in charts if c["symbol"] not in names}
+    strongest = max((strength for _, strength in moved.values()), default=0.0)
+    kept = {symbol: sign for symbol, (sign, strength) in moved.items() if strength >= SHADOW * strongest}
+    return _Signs(outputs, kept)
+
+
+def _strength(chart: JsonObject) -> float:
+    """Evidence that a parameter has moved: its change in standard errors."""
+    error = float(chart.get("standard_error", 0.0))
+    return abs(float(chart["change"])) / error if error > 0 else 0.0
+
+
+def _judge(fault: Fault, signs: _Signs) -> JsonObject:
+    """Weigh one hypothesis."""
     agree, against = [], []
     odds = 1.0
-    for target, sign in fault.shows.items():
+    for target, expected in fault.shows.items():
         symbol = target.removeprefix("innovation:")
-        seen = signs.get(symbol)
+        seen = (signs.outputs if target.startswith("innovation:") else signs.parameters).get(symbol)
         if seen is None:
             continue
         word = f"{symbol} is {'above' if seen > 0 else 'below'} what the model expects"
-        if seen == sign:
-            odds *= 3.0
+        if seen == expected:
+            odds *= WEIGHT
             agree.append(word)
         else:
-            odds /= 3.0
+            odds /= WEIGHT
             against.append(word)
-    expected = {t.removeprefix("innovation:") for t in fault.shows}
-    unexplained = sorted(set(signs) - expected)
-    odds /= 3.0 ** len(unexplained)
-    against += [f"it does not explain {symbol}" for symbol in unexplained]
+    for symbol in _unexplained(fault, signs):
+        odds /= WEIGHT
+        against.append(f"it does not explain {symbol}")
     return {
         "name": fault.name,
         "meaning": fault.meaning,
@@ -67,11 +97,20 @@ def _judge(fault: Fault, signs: dict[str, int]) -> JsonObject:
     }
 
 
-def _summary(model: ComponentModel, alarm: Alarm, signs: dict[str, int], causes: tuple[JsonObject, ...]) -> str:
+def _unexplained(fault: Fault, signs: _Signs) -> list[str]:
+    """What rang and is not the fault's; parameters are correlated, so one that is explained excuses the others."""
+    outputs = {t.removeprefix("innovation:") for t in fault.shows if t.startswith("innovation:")}
+    left = sorted(set(signs.outputs) - outputs)
+    moved = set(signs.parameters)
+    return left if moved & set(fault.shows) else left + sorted(moved)
+
+
+def _summary(model: ComponentModel, alarm: Alarm, signs: _Signs, causes: tuple[JsonObject, ...]) -> str:
     meanings = {q.symbol: q.meaning for q in (*model.outputs, *model.parameters)}
-    what = " and ".join(
-        f"{meanings.get(symbol, symbol)} {'higher' if sign > 0 else 'lower'} than the model expects"
-        for symbol, sign in signs.items()
-    )
-    likely = f"; most likely {causes[0]['meaning']}" if causes else ""
-    return f"{alarm.component}: {what}{likely}"
+    parts = []
+    for side, word in ((1, "higher"), (-1, "lower")):
+        which = [meanings[s] for s, sign in {**signs.outputs, **signs.parameters}.items() if sign == side]
+        if which:
+            parts.append(f"{' and '.join(which)} {word}")
+    likely = f"most likely {causes[0]['meaning']} " if causes else ""
+    return f"{alarm.component}: {likely}({', '.join(parts)} than the model expects)"

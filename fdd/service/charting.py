@@ -28,6 +28,10 @@ BoolArray = NDArray[np.bool_]
 ABSURD = 100.0
 # A statistic below this share of its limit says that what raised the alarm is gone (hysteresis).
 NORMAL = 0.25
+# Half the width of a 95 % interval, in standard errors.
+NORMAL_95 = 1.96
+# A parameter whose relative standard error is beyond this is not worth a point on a plot.
+VAGUE = 0.5
 # A score block is longer than a filter's memory and shorter than the delay one wants.
 SCORE_BLOCK = 6 * 3600 * NANOSECONDS
 
@@ -138,7 +142,8 @@ class ScoreCharts:
             return np.zeros((len(self._symbols), len(self._symbols)))
         order = list(baseline.parameters)
         at = [order.index(s) for s in self._symbols]
-        return np.nan_to_num(np.array(baseline.covariance))[np.ix_(at, at)]
+        covariance: FloatArray = np.nan_to_num(np.array(baseline.covariance))[np.ix_(at, at)]
+        return covariance
 
     def update(self, steps: Sequence[GroupStep]) -> Verdicts:
         """Feed the group's scores; rows that may not be charted are hidden."""
@@ -148,9 +153,8 @@ class ScoreCharts:
         score = np.where(self._told, step.score[:, self._physical], 0.0)
         information = step.information[:, self._physical[:, None], self._physical]
         information = information * self._told[:, :, None] * self._told[:, None, :]
-        return self._chart.update_scores(
-            np.where(hide[:, None], np.nan, score), np.where(hide[:, None, None], np.nan, information)
-        )
+        score[hide], information[hide] = np.nan, np.nan
+        return self._chart.update_scores(score, information)
 
     def reset(self, which: BoolArray) -> None:
         """Start these streams again."""
@@ -165,6 +169,24 @@ class ScoreCharts:
             return {}
         scale = "relative" if self._log[j] else "absolute"
         return {"change": change, "standard_error": error, "scale": scale}
+
+    def parameters(self, updates: int) -> list[tuple[str, float, float, float]]:
+        """Every parameter that the last ``updates`` can tell: series, value, and the limits of its 95 % interval.
+
+        All may have moved together; the interval holds the baseline's error too. Natural scale and unit.
+        """
+        found = []
+        for i, (component, baseline) in enumerate(zip(self._group.components, self._group.baselines, strict=True)):
+            change = self._chart.estimate(i, updates, self._chart.covariance[i])
+            for j, symbol in enumerate(self._symbols):
+                error = float(change.joint_error[j])
+                if not self._told[i, j] or not np.isfinite(error) or (error > VAGUE and self._log[j]):
+                    continue
+                ends = float(change.joint[j]) + NORMAL_95 * error * np.array([0.0, -1.0, 1.0])
+                at = baseline.parameters[symbol]
+                value, low, high = (at * np.exp(ends) if self._log[j] else at + ends).tolist()
+                found.append((f"{component.name}/{symbol}", value, low, high))
+        return found
 
     def export_state(self) -> JsonObject:
         """The chart as plain data."""
@@ -204,6 +226,10 @@ class Charts:
         """Size of what a stream has found, where its chart can tell."""
         family = int(np.searchsorted(self._edges, stream, side="right")) - 1
         return self._families[family].estimate(stream - int(self._edges[family]), updates)
+
+    def parameters(self, updates: int) -> list[tuple[str, float, float, float]]:
+        """Estimates of every component's parameters from the last ``updates``; see :class:`ScoreCharts`."""
+        return [row for f in self._families if isinstance(f, ScoreCharts) for row in f.parameters(updates)]
 
     def reset(self, component: str) -> None:
         """An operator has cleared the component's alarm."""

@@ -18,7 +18,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from fdd.plant.faults import DAY, PlantFault
+from fdd.plant.faults import DAY, PlantFault, Shape
 from fdd.plant.scenario import Scenario, pieces, points
 from fdd.plant.site import demo_site
 from fdd.records import NANOSECONDS, AlarmState, Batch, JsonObject, Quality
@@ -146,7 +146,7 @@ def scenario_of(fault: str, seed: int, weeks: int) -> tuple[Scenario, PlantFault
         raise UsageError(f"no fault is called {fault!r}; there are {', '.join(FAULTS)} and none")
     target, _, severity, ramp = FAULTS[fault]
     at = 7.0 * LEARNING_WEEKS + np.random.default_rng(seed).uniform(4.0, 10.0)
-    shape = "ramp" if ramp else "step"
+    shape: Shape = "ramp" if ramp else "step"
     planted = PlantFault(fault, target, round(at * DAY / 300) * 300.0, severity, shape, (ramp or 1.0) * DAY)
     return Scenario(days=days, seed=seed, faults=(planted,)), planted
 

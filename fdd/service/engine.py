@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.diagnosis.ranking import diagnose
-from fdd.records import Alarm, Baseline, Batch, FloatArray, JsonObject, Rows
+from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, FloatArray, JsonObject, Rows, concatenate
 from fdd.service.alarms import AlarmBook, Command, Ring
 from fdd.service.charting import Charts, ChartStep
 from fdd.service.filters import FilterGroup, GroupStep
@@ -20,6 +21,7 @@ from fdd.service.framing import Framer, Frames
 from fdd.service.plan import Component, Plan
 
 SCHEMA = 1
+DAY = 86400 * NANOSECONDS
 
 
 class EngineError(RuntimeError):
@@ -97,6 +99,7 @@ class Engine:
         values = self.plan.derive(frames.values)
         steps: list[list[GroupStep]] = []
         charted: list[ChartStep] = []
+        days: list[Rows] = []
         alarms: list[Alarm] = []
         for time, row in zip(frames.time.tolist(), values, strict=True):
             group_steps = [g.step(time, row) for g in self._groups]
@@ -104,13 +107,15 @@ class Engine:
             alarms += self._alarm(time, chart_step)
             steps.append(group_steps)
             charted.append(chart_step)
+            if self._time is not None and time // DAY > self._time // DAY:
+                days.append(self._parameter_rows(time))
             self._time = time
         rows = [
             self._sample_rows(frames, values),
             self._prediction_rows(frames, steps),
             self._chart_rows(frames, charted),
         ]
-        return Outputs([r for r in rows if len(r)], alarms, len(frames))
+        return Outputs([r for r in (*rows, *concatenate(days)) if len(r)], alarms, len(frames))
 
     def _alarm(self, time: int, step: ChartStep) -> list[Alarm]:
         changed = self.alarms.tick(time)
@@ -163,13 +168,28 @@ class Engine:
         return _rows("predictions", self._outputs, frames, running & np.isfinite(fields["predicted"]), fields)
 
     def _chart_rows(self, frames: Frames, steps: Sequence[ChartStep]) -> Rows:
-        fields = {
+        fields: dict[str, NDArray[Any]] = {
             "statistic": np.stack([s.verdicts.statistic for s in steps]),
             "limit": np.stack([s.verdicts.limit for s in steps]),
             "phase": np.stack([s.verdicts.phase for s in steps]),
         }
         names = tuple(s.name for s in self._charts.streams)
         return _rows("charts", names, frames, np.ones((len(frames), len(names)), dtype=np.bool_), fields)
+
+    def _parameter_rows(self, time: int) -> Rows:
+        """Once a day: what the last day says of the physical parameters."""
+        found = self._charts.parameters(DAY // self.plan.step)
+        return Rows(
+            measurement="parameters",
+            names=tuple(name for name, *_ in found),
+            series=np.arange(len(found), dtype=np.int32),
+            time=np.full(len(found), time, dtype=np.int64),
+            fields={
+                "value": np.array([value for _, value, _, _ in found]),
+                "lower": np.array([low for _, _, low, _ in found]),
+                "upper": np.array([high for _, _, _, high in found]),
+            },
+        )
 
     def export_state(self) -> JsonObject:
         """The whole engine as plain data."""
@@ -224,7 +244,7 @@ def _rows(
     names: tuple[str, ...],
     frames: Frames,
     mask: NDArray[np.bool_],
-    fields: dict[str, NDArray[np.generic]],
+    fields: Mapping[str, NDArray[Any]],
 ) -> Rows:
     """Rows from matrices (frames, series), where ``mask`` is true."""
     at, series = np.nonzero(mask)

@@ -117,14 +117,14 @@ class FilterGroup:
         fresh = np.isfinite(fresh_values)
         self._held = np.where(fresh, fresh_values, self._held)
         self._held_at = np.where(fresh, time, self._held_at)
-        usable: BoolArray = (self._held_at >= time - self._hold).all(axis=1)
+        usable: BoolArray = np.all(self._held_at >= time - self._hold, axis=1)
         return self._held, usable
 
     def _rest(self, which: BoolArray) -> None:
-        which = which & (self._last != NEVER)
-        if which.any():
-            self._bank.reset(which)
-            self._last[which] = NEVER
+        started = which & np.asarray(self._last != NEVER)
+        if started.any():
+            self._bank.reset(started)
+            self._last[started] = NEVER
 
     def _count(self, status: IntArray) -> None:
         for code in status.tolist():

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
-from fdd.greybox.fit import FitResult
+from fdd.greybox.results import FitResult
 from fdd.records import Baseline
 from fdd.service.baselines import accept
 from fdd.service.errors import UsageError

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fdd.greybox.fit import FitResult, fit
+from fdd.greybox.fit import fit
 from fdd.greybox.likelihood import Data
+from fdd.greybox.results import FitResult
 from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
 from fdd.service.filters import FilterGroup
 from fdd.service.history import History, Run, runs
