@@ -189,6 +189,20 @@ class InfluxStore:
         self, measurement: str, series: Sequence[str] | None = None, start: int | None = None, end: int | None = None
     ) -> pd.DataFrame:
         """Rows with start <= time < end, ordered by series, then time."""
+        return self._read(self.config.bucket, measurement, series, start, end)
+
+    def read_hourly(
+        self, measurement: str, series: Sequence[str] | None = None, start: int | None = None, end: int | None = None
+    ) -> pd.DataFrame:
+        """One row an hour, as far as the server's task has come."""
+        return self._read(f"{self.config.bucket}_hourly", measurement, series, start, end)
+
+    def maintain(self, now: int) -> None:
+        """Nothing: a task of the server keeps the hourly values."""
+
+    def _read(
+        self, bucket: str, measurement: str, series: Sequence[str] | None, start: int | None, end: int | None
+    ) -> pd.DataFrame:
         fields = measurement_of(measurement).field_names
         first = _FIRST if start is None else start
         beyond = _LAST if end is None else end
@@ -196,18 +210,20 @@ class InfluxStore:
         if series is not None:
             wanted = sorted(set(series))
             groups = [wanted[i : i + SERIES_PER_QUERY] for i in range(0, len(wanted), SERIES_PER_QUERY)]
-        cells = [self._cells(measurement, g, first, beyond) for g in groups if first < beyond]
+        cells = [self._cells(bucket, measurement, g, first, beyond) for g in groups if first < beyond]
         return _rows_from_cells(fields, [c for c in cells if len(c)])
 
-    def _source(self, measurement: str, first: int, beyond: int) -> str:
+    def _source(self, bucket: str, measurement: str, first: int, beyond: int) -> str:
         return (
-            f"from(bucket: {flux_text(self.config.bucket)}) "
+            f"from(bucket: {flux_text(bucket)}) "
             f"|> range(start: {flux_time(first)}, stop: {flux_time(beyond)}) "
             f'|> filter(fn: (r) => r._measurement == "{measurement}" and r.site == {flux_text(self.site)})'
         )
 
-    def _cells(self, measurement: str, series: Sequence[str] | None, first: int, beyond: int) -> pd.DataFrame:
-        flux = self._source(measurement, first, beyond)
+    def _cells(
+        self, bucket: str, measurement: str, series: Sequence[str] | None, first: int, beyond: int
+    ) -> pd.DataFrame:
+        flux = self._source(bucket, measurement, first, beyond)
         if series is not None:
             pairs = [split_series(s) for s in series]
             any_of = " or ".join(f"(r.component == {flux_text(c)} and r.name == {flux_text(n)})" for c, n in pairs)
@@ -226,7 +242,7 @@ class InfluxStore:
     def series(self, measurement: str) -> list[str]:
         """Names of the series that have been written, in order."""
         measurement_of(measurement)
-        flux = self._source(measurement, _FIRST, _LAST)
+        flux = self._source(self.config.bucket, measurement, _FIRST, _LAST)
         flux += ' |> first() |> keep(columns: ["component", "name"]) |> group()'
         found = _table(self._ask(flux))
         return sorted({join_series(r["component"], r["name"]) for r in found})
@@ -240,7 +256,7 @@ class InfluxStore:
         if pending is not None:
             pending[1].append((kind, key, decode(body)))
             return
-        self._send(self.documents_bucket, document_lines(kind, key, body, document, self.site))
+        self._send(self.documents_bucket, document_lines(kind, key, body, self.site))
 
     def get(self, kind: str, key: str) -> JsonObject | None:
         """The document under (kind, key), or None."""

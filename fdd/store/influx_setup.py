@@ -34,13 +34,11 @@ from influxdb_client.service.setup_service import SetupService
 from urllib3.exceptions import HTTPError
 
 from fdd.store.influx import flux_text
-from fdd.store.schema import StoreError
+from fdd.store.schema import MEASUREMENTS, StoreError
 from fdd.store.store import StoreUnavailableError
 
 RAW_DAYS = 730
 HOURLY_DAYS = 3650
-CODE_FIELDS = ("phase", "quality", "open")  # the worst of the hour counts, not a mean
-RUNNING_FIELDS = ("kept", "seen", "version")  # the last of the hour counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,26 +79,26 @@ class Plan:
 def downsampling(plan: Plan) -> str:
     """The Flux task. It does the last six hours again each time, so that late data count; the same key overwrites."""
 
-    def either(fields: tuple[str, ...]) -> str:
-        return " or ".join(f"r._field == {flux_text(f)}" for f in fields)
-
-    def part(condition: str, function: str) -> str:
+    def part(function: str) -> str:
+        tables = {m.name: [f.name for f in m.fields if f.hourly == function] for m in MEASUREMENTS.values()}
+        alternatives = " or ".join(
+            f'(r._measurement == "{name}" and ({" or ".join(f"r._field == {flux_text(f)}" for f in fields)}))'
+            for name, fields in tables.items()
+            if fields
+        )
         return (
-            f"raw |> filter(fn: (r) => {condition}) "
+            f"raw |> filter(fn: (r) => {alternatives}) "
             f'|> aggregateWindow(every: 1h, fn: {function}, createEmpty: false, timeSrc: "_start") '
             f"|> to(bucket: {flux_text(plan.hourly)}, org: {flux_text(plan.org)})"
         )
 
-    codes, running = either(CODE_FIELDS), f'r._measurement == "counts" or {either(RUNNING_FIELDS)}'
     return "\n".join(
         [
             'import "date"',
             f"option task = {{name: {flux_text(f'fdd downsample {plan.bucket}')}, every: 1h, offset: 10m}}",
             "stop = date.truncate(t: now(), unit: 1h)",
             f"raw = from(bucket: {flux_text(plan.bucket)}) |> range(start: date.sub(from: stop, d: 6h), stop: stop)",
-            part(f"not ({codes} or {running})", "mean"),
-            part(f"{codes}", "max"),
-            part(f"{running}", "last"),
+            *(part(function) for function in ("mean", "max", "last")),
         ]
     )
 

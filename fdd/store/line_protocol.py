@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.records import JsonObject
+from fdd.store.encoding import decode
 from fdd.store.schema import CheckedRows, split_series
 
 PART_BYTES = 60_000  # the server promises 64 kB for a string field
@@ -69,13 +70,13 @@ def digest(body: str, parts: int) -> str:
     return f"{parts}:{hashlib.sha256(body.encode()).hexdigest()[:32]}"
 
 
-def document_lines(kind: str, key: str, body: str, document: JsonObject, site: str) -> Iterator[str]:
+def document_lines(kind: str, key: str, body: str, site: str) -> Iterator[str]:
     """One line a part; an alarm's first part also has the fields that lists show."""
     parts = _parts(body)
     mark = digest(body, len(parts))
     for number, part in enumerate(parts):
         tags = f"key={key.translate(_TAG)},part={number},site={site.translate(_TAG)}"
-        extra = _alarm_fields(document) if kind == "alarm" and number == 0 else ""
+        extra = _alarm_fields(decode(body)) if kind == "alarm" and number == 0 else ""
         yield f"{kind},{tags} body={_text(part)},digest={_text(mark)}{extra} 0"
 
 

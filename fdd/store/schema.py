@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,11 +45,12 @@ class SchemaError(StoreError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field of a measurement."""
+    """One field of a measurement; ``hourly`` is what stands for an hour of it: its mean, its largest or last value."""
 
     name: str
     unit: str
     meaning: str
+    hourly: Literal["mean", "max", "last"] = "mean"
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +77,7 @@ MEASUREMENTS: dict[str, Measurement] = {
             "points",
             (
                 Field("value", "the point's SI unit", "value as received, converted to SI"),
-                Field("quality", "code", "0 good, 1 uncertain, 2 bad"),
+                Field("quality", "code", "0 good, 1 uncertain, 2 bad", "max"),
             ),
         ),
         Measurement(
@@ -97,7 +98,7 @@ MEASUREMENTS: dict[str, Measurement] = {
             (
                 Field("statistic", "1", "what the chart accumulates"),
                 Field("limit", "1", "value at which it alarms"),
-                Field("phase", "code", "0 no data, 1 learning, 2 quiet, 3 alarm"),
+                Field("phase", "code", "0 no data, 1 learning, 2 quiet, 3 alarm", "max"),
             ),
         ),
         Measurement(
@@ -108,7 +109,7 @@ MEASUREMENTS: dict[str, Measurement] = {
                 Field("value", "the parameter's SI unit", "estimate"),
                 Field("lower", "the parameter's SI unit", "lower end of its 95 % interval"),
                 Field("upper", "the parameter's SI unit", "upper end of its 95 % interval"),
-                Field("version", "1", "version of the baseline it belongs to"),
+                Field("version", "1", "version of the baseline it belongs to", "last"),
             ),
         ),
         Measurement(
@@ -126,17 +127,24 @@ MEASUREMENTS: dict[str, Measurement] = {
             "components x gates",
             (
                 Field(
-                    "open", "0 or 1", "1 while data pass the gate (steady state, machine on, inside the valid range)"
+                    "open",
+                    "0 or 1",
+                    "1 while data pass the gate (steady state, machine on, inside the valid range)",
+                    "max",
                 ),
-                Field("kept", "1", "points kept since the start"),
-                Field("seen", "1", "points seen since the start"),
+                Field("kept", "1", "points kept since the start", "last"),
+                Field("seen", "1", "points seen since the start", "last"),
             ),
         ),
         Measurement(
             "counts",
             "part/what",
             "parts x reasons",
-            (Field("value", "1", "how often since the start: samples received, late, duplicate, rejected, ..."),),
+            (
+                Field(
+                    "value", "1", "how often since the start: samples received, late, duplicate, rejected, ...", "last"
+                ),
+            ),
         ),
         Measurement(
             "health",

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from fdd.records import JsonObject, Rows
@@ -352,6 +353,19 @@ class SpooledStore:
         self.flush()
         return self.inner.read(measurement, series, start, end)
 
+    def read_hourly(
+        self, measurement: str, series: Sequence[str] | None = None, start: int | None = None, end: int | None = None
+    ) -> pd.DataFrame:
+        """Hourly values of the store behind."""
+        self.flush()
+        return self.inner.read_hourly(measurement, series, start, end)
+
+    def maintain(self, now: int) -> None:
+        """Maintain the store behind; while it is away there is nothing to do."""
+        with suppress(StoreUnavailableError):
+            self.flush()
+            self.inner.maintain(now)
+
     def series(self, measurement: str) -> list[str]:
         """Names of the series, once what waited here has reached the server."""
         self.flush()
@@ -401,3 +415,18 @@ class SpooledStore:
         with self._lock:
             self._link.close()
         self.inner.close()
+
+
+def spool_rows(status: SpoolStatus, time: int) -> list[Rows]:
+    """The status as rows that dashboards and alert rules read, at the wall-clock ``time`` [ns]."""
+
+    def rows(measurement: str, values: dict[str, int]) -> Rows:
+        names = tuple(f"store/{name}" for name in values)
+        index = np.arange(len(names), dtype=np.int32)
+        return Rows(
+            measurement, names, index, np.full(len(names), time), {"value": np.array([*values.values()], float)}
+        )
+
+    waiting = {"spool_bytes": status.pending_bytes, "spool_rows": status.pending_rows}
+    lost = {"dropped_rows": status.dropped_rows, "refused_rows": status.refused_rows}
+    return [rows("health", waiting), rows("counts", lost)]

@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 
 from fdd.records import IntArray, JsonObject, Rows
+from fdd.store import rollup
 from fdd.store.encoding import decode, encode
 from fdd.store.schema import (
     MAX_SERIES,
@@ -131,6 +132,7 @@ class SqliteStore:
                 f"CREATE TABLE IF NOT EXISTS {m.name} (series INTEGER NOT NULL, time INTEGER NOT NULL, {columns}, "
                 "PRIMARY KEY (series, time)) WITHOUT ROWID"
             )
+        rollup.create(link)
 
     # ---- transactions
 
@@ -196,6 +198,7 @@ class SqliteStore:
                 ids[rows.series].tolist(), rows.time.tolist(), *(c.tolist() for c in rows.fields.values()), strict=True
             ),
         )
+        rollup.note(self._writer, name, int(rows.time.min()))
 
     def _numbers(self, measurement: str, names: tuple[str, ...]) -> IntArray:
         """Numbers of the series; those that are new are entered."""
@@ -221,13 +224,31 @@ class SqliteStore:
         self, measurement: str, series: Sequence[str] | None = None, start: int | None = None, end: int | None = None
     ) -> pd.DataFrame:
         """Rows with start <= time < end, ordered by series, then time."""
+        return self._read(measurement, measurement, series, start, end)
+
+    def read_hourly(
+        self, measurement: str, series: Sequence[str] | None = None, start: int | None = None, end: int | None = None
+    ) -> pd.DataFrame:
+        """One row an hour, as far as :meth:`maintain` has come."""
+        return self._read(measurement, f"{measurement}_hourly", series, start, end)
+
+    def maintain(self, now: int) -> None:
+        """Keep the hourly values up to the hour before ``now`` [ns]."""
+        with self.transaction():
+            rollup.roll_up(self._writer, now)
+
+    def prune(self, before: int) -> int:
+        """Delete rows older than ``before`` [ns] whose hourly values have been made; returns how many."""
+        with self.transaction():
+            return rollup.prune(self._writer, before)
+
+    def _read(
+        self, measurement: str, table: str, series: Sequence[str] | None, start: int | None, end: int | None
+    ) -> pd.DataFrame:
         fields = measurement_of(measurement).field_names
         first = _EVER[0] if start is None else start
         beyond = _EVER[1] if end is None else end
-        query = (
-            f"SELECT time, {_quoted(fields)} FROM {measurement} "
-            "WHERE series = ? AND time >= ? AND time < ? ORDER BY time"
-        )
+        query = f"SELECT time, {_quoted(fields)} FROM {table} WHERE series = ? AND time >= ? AND time < ? ORDER BY time"
         with self._snapshot() as link:
             ids = self._series(link, measurement)
             names = sorted(ids) if series is None else sorted(set(series) & set(ids))

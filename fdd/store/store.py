@@ -40,6 +40,14 @@ class Store(Protocol):
         Columns: ``time`` (int64, ns), ``series`` (str), then every field of the measurement (float64, NaN = missing).
         """
 
+    def read_hourly(
+        self, measurement: str, series: Sequence[str] | None = None, start: int | None = None, end: int | None = None
+    ) -> pd.DataFrame:
+        """As :meth:`read`, one row an hour, timed at its start; as far as :meth:`maintain` or the server's task got."""
+
+    def maintain(self, now: int) -> None:
+        """Keep the hourly values up to the hour before ``now`` [ns]; call it about once an hour."""
+
     def series(self, measurement: str) -> list[str]:
         """Names of the series that have been written, in order."""
 

@@ -74,6 +74,7 @@ def test_the_service_s_own_source_gets_what_a_gateway_sent_before_it_came(endpoi
     gateway = ZenohPublisher(options("gateway", "two"), "fdd/north/ahu")
     for i in range(30):
         gateway.publish(Batch.of([Sample("T", i, float(i))]))
+    time.sleep(2)  # until the router knows of the gateway's cache
     source = ZenohSource()
     source.configure(options("fdd", "one"), Context())
     source.open()

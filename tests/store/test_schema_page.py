@@ -15,7 +15,7 @@ def test_page_has_every_field_with_unit_and_meaning() -> None:
         section = PAGE.split(f"### {m.name}\n")[1].split("\n#")[0]
         assert f"One series: `{m.series}`. How many: {m.bound}." in section
         table = [line for line in section.splitlines() if line.startswith("| `")][: len(m.fields)]
-        assert table == [f"| `{f.name}` | {f.unit} | {f.meaning} |" for f in m.fields]
+        assert table == [f"| `{f.name}` | {f.unit} | {f.meaning} | {f.hourly} |" for f in m.fields]
 
 
 def test_page_has_every_kind_of_document_and_the_limits() -> None:
