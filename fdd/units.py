@@ -18,10 +18,9 @@ from typing import Literal
 
 import numpy as np
 import pint
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from fdd.records import FloatArray
-
+FloatArray = NDArray[np.float64]
 QuantityKind = Literal["temperature", "difference"]
 
 REGISTRY: pint.UnitRegistry[float] = pint.UnitRegistry(autoconvert_offset_to_baseunit=False, cache_folder=None)

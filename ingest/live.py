@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import time as clock
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from queue import Empty, Full, Queue
 
@@ -10,6 +11,7 @@ import numpy as np
 import structlog
 
 from fdd.records import Batch, JsonObject
+from ingest.history import read_answer
 from ingest.message import MalformedMessage, Message, decode
 from ingest.sequence import Ledger
 
@@ -17,6 +19,7 @@ log = structlog.get_logger()
 
 IDLE_SECONDS = 1.0
 _POLL_SECONDS = 0.1
+_PATIENCE_SECONDS = 5.0
 _TOGETHER = 64
 _NOTES = 20
 
@@ -35,11 +38,17 @@ class Inbox:
 
     The transport's thread calls :meth:`receive`; it is held back while ``size`` messages wait. A message is done with
     when the reader asks for the batch after it, for by then a daemon has journaled it.
+
+    ``ask`` gets the last number of every stream and gives the answers of :mod:`ingest.history`; it is asked at the
+    start, where a number is missing, and after a second of silence.
     """
 
-    def __init__(self, size: int, until_end: bool) -> None:
+    def __init__(
+        self, size: int, until_end: bool, ask: Callable[[Mapping[str, int]], list[bytes]] | None = None
+    ) -> None:
         self._queue: Queue[Letter] = Queue(size)
         self._until_end = until_end
+        self._ask = ask
         self._ledger = Ledger()
         self._ended = False
         self._stopped = False
@@ -81,59 +90,101 @@ class Inbox:
 
     def batches(self) -> Iterator[Batch]:
         """Batches as messages come; an empty one after a second of silence; ends after the end of the stream."""
-        idle = 0.0
+        if self._ask:
+            yield from self._joined(self._missed(None))
+        silent = clock.monotonic()
         while not self._stopped and not (self._ended and self._until_end):
-            try:
-                letters = [self._queue.get(timeout=_POLL_SECONDS)]
-            except Empty:
-                idle += _POLL_SECONDS
-                if idle >= IDLE_SECONDS:
-                    idle = 0.0
-                    yield _join([], self.position())
-                continue
-            idle = 0.0
-            while len(letters) < _TOGETHER:
-                try:
-                    letters.append(self._queue.get_nowait())
-                except Empty:
-                    break
-            yield from self._batches(letters)
-            for letter in letters:
-                if letter.done:
-                    letter.done()
+            letters = self._waiting()
+            if letters:
+                yield from self._joined(m for letter in letters for m in self._accept(letter))
+                for letter in letters:
+                    if letter.done:
+                        letter.done()
+                silent = clock.monotonic()
+            elif clock.monotonic() - silent >= IDLE_SECONDS:
+                yield from self._joined(self._missed(None))
+                silent = clock.monotonic()
 
-    def _batches(self, letters: list[Letter]) -> Iterator[Batch]:
-        """One batch for each run of messages that name the same points."""
+    def _waiting(self) -> list[Letter]:
+        letters: list[Letter] = []
+        try:
+            letters.append(self._queue.get(timeout=_POLL_SECONDS))
+            while len(letters) < _TOGETHER:
+                letters.append(self._queue.get_nowait())
+        except Empty:
+            pass
+        return letters
+
+    def _joined(self, messages: Iterator[Message]) -> Iterator[Batch]:
+        """One batch for each run of messages that name the same points, and at least one: the position may move."""
         together: list[Batch] = []
-        for letter in letters:
-            position = self.position()
-            message = self._accept(letter)
-            if message is None:
-                continue
-            if together and together[0].names != message.batch.names:
+        position = self.position()
+        for message in messages:
+            if together and (together[0].names != message.batch.names or len(together) >= _TOGETHER):
                 yield _join(together, position)
                 together = []
             if len(message.batch):
                 together.append(message.batch)
-        # Also when all were repeated or ended: the position has moved.
+            position = self.position()
         yield _join(together, self.position())
 
-    def _accept(self, letter: Letter) -> Message | None:
+    def _accept(self, letter: Letter) -> Iterator[Message]:
+        """The new message in a letter, after those before it that had not come."""
+        message = self._decode(letter.payload, letter.decode)
+        if message is None:
+            return
+        if self._ledger.skips(message):
+            yield from self._missed(message)
+        yield from self._take(message)
+
+    def _missed(self, before: Message | None) -> Iterator[Message]:
+        """What the publishers' histories still hold; patient until the stream of ``before`` has answered."""
+        deadline = clock.monotonic() + _PATIENCE_SECONDS
+        while self._ask is not None and not self._stopped:
+            streams, payloads = self._answers()
+            for payload in payloads:
+                message = self._decode(payload, decode)
+                if message is not None:
+                    yield from self._take(message)
+            if payloads:
+                continue  # an answer is of bounded length: there may be more
+            if before is None or before.stream in streams or clock.monotonic() > deadline:
+                return
+            clock.sleep(_POLL_SECONDS)
+
+    def _answers(self) -> tuple[set[str], list[bytes]]:
+        streams: set[str] = set()
+        payloads: list[bytes] = []
+        for answer in self._ask(self._ledger.last) if self._ask else []:
+            try:
+                stream, messages = read_answer(answer)
+            except MalformedMessage as error:
+                self._malformed += 1
+                self._note(f"malformed message: {error}")
+                continue
+            streams.add(stream)
+            payloads += messages
+        return streams, payloads
+
+    def _decode(self, payload: bytes, how: Callable[[bytes], Message]) -> Message | None:
         self.received += 1
         try:
-            message = letter.decode(letter.payload)
+            return how(payload)
         except MalformedMessage as error:
             self._malformed += 1
-            self._note(f"malformed message: {error}; it starts {letter.payload[:80]!r}")
+            self._note(f"malformed message: {error}; it starts {payload[:80]!r}")
             return None
-        self._ended |= message.end
+
+    def _take(self, message: Message) -> Iterator[Message]:
         lost = self._ledger.lost
         new = self._ledger.take(message)
+        self._ended |= message.end
         if self._ledger.lost > lost:
             self._note(
                 f"{self._ledger.lost - lost} messages of {message.stream} before number {message.seq} never came"
             )
-        return message if new else None
+        if new:
+            yield message
 
     def _note(self, text: str) -> None:
         if len(self.notes) < _NOTES:

@@ -28,6 +28,15 @@ class Ledger:
         """Plain data to continue from."""
         return {"streams": dict(self._last)}
 
+    @property
+    def last(self) -> dict[str, int]:
+        """Number of the last message taken, by stream."""
+        return dict(self._last)
+
+    def skips(self, message: Message) -> bool:
+        """Whether messages before this one have not come."""
+        return message.seq is not None and message.seq > self._last.get(message.stream, 0) + 1
+
     def take(self, message: Message) -> bool:
         """Whether the message is new; its sequence number is then the last one taken."""
         if message.seq is None:

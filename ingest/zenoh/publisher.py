@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from fdd.records import Batch
+from ingest.history import History
 from ingest.message import encode
-from ingest.zenoh.advanced import declare_matching, declare_publisher, open_session
 from ingest.zenoh.options import ZenohOptions
+from ingest.zenoh.session import declare_publisher, open_session
 
 _NOTHING = Batch((), np.empty(0, np.int32), np.empty(0, np.int64), np.empty(0), np.empty(0, np.uint8))
 
@@ -40,14 +41,14 @@ class ZenohPublisher:
         """
         self.publisher, self.run = publisher, uuid.uuid4().hex[:12]
         self.sent = 0
+        self._history = History(f"{publisher}/{self.run}", cache)
         self._session: Any = open_session(options, Path.cwd())
-        self._matching: Any = declare_matching(self._session, key)
-        self._publisher: Any = declare_publisher(self._session, key, cache)
+        self._declared = declare_publisher(self._session, key, f"{publisher}-{self.run}", self._history.answer)
 
     def wait_for_subscriber(self, timeout_seconds: float) -> bool:
         """Whether somebody listens, waiting so long at most."""
         deadline = time.monotonic() + timeout_seconds
-        while not self._matching.matching_status.matching:
+        while not self._declared[0].matching_status.matching:
             if time.monotonic() > deadline:
                 return False
             time.sleep(0.02)
@@ -63,13 +64,15 @@ class ZenohPublisher:
 
     def _send(self, batch: Batch, end: bool) -> None:
         self.sent += 1
-        self._publisher.put(encode(batch, publisher=self.publisher, run=self.run, seq=self.sent, end=end))
+        message = encode(batch, publisher=self.publisher, run=self.run, seq=self.sent, end=end)
+        self._history.keep(message)
+        self._declared[0].put(message)
 
     def close(self) -> None:
         """Close the session and forget the cache."""
         if self._session is not None:
-            self._publisher.undeclare()
-            self._matching.undeclare()
+            for declared in self._declared:
+                declared.undeclare()
             self._session.close()
             self._session = None
 

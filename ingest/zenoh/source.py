@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
 
 import structlog
@@ -11,8 +11,8 @@ from fdd.config.base import SourceOptions
 from fdd.records import Batch, JsonObject
 from ingest.live import Inbox, Letter
 from ingest.source import Context
-from ingest.zenoh.advanced import declare_subscriber, open_session
 from ingest.zenoh.options import ZenohOptions
+from ingest.zenoh.session import ask_history, declare_subscriber, open_session
 
 log = structlog.get_logger()
 
@@ -30,7 +30,7 @@ class ZenohSource:
     def configure(self, options: ZenohOptions, context: Context) -> None:
         """Keep the options."""
         self._options, self._context = options, context
-        self._inbox = Inbox(options.queue, options.until_end)
+        self._inbox = Inbox(options.queue, options.until_end, self._ask)
 
     def open(self, position: JsonObject | None = None) -> None:
         """Open the session and subscribe; publishers may come before or after.
@@ -42,6 +42,9 @@ class ZenohSource:
         self._inbox.restore(position)
         self._session = open_session(self._options, self._context.folder)
         self._declared = declare_subscriber(self._session, self._options.key, self._receive, self._present)
+
+    def _ask(self, have: Mapping[str, int]) -> list[bytes]:
+        return ask_history(self._session, self._options.key, have)
 
     def _receive(self, payload: bytes) -> None:
         self._inbox.receive(Letter(payload))

@@ -20,7 +20,7 @@ from zenoh_processes import batch
 from fdd.records import Batch
 from ingest.source import Context, NotReady, Refused
 from ingest.zenoh import ZenohOptions, ZenohPublisher, ZenohSource
-from ingest.zenoh.advanced import open_session
+from ingest.zenoh.session import open_session
 
 SCRIPT = Path(__file__).with_name("zenoh_processes.py")
 ROOT = Path(__file__).resolve().parents[2]
@@ -54,6 +54,12 @@ def _start(*arguments: str) -> subprocess.Popen[str]:
     )
 
 
+def _send(publisher: subprocess.Popen[str], messages: int) -> None:
+    assert publisher.stdin is not None
+    publisher.stdin.write(f"{messages}\n")
+    publisher.stdin.flush()
+
+
 def _source(endpoint: str, **options: object) -> ZenohSource:
     source = ZenohSource()
     source.configure(ZenohOptions.model_validate({"connect": [endpoint], **options}), Context())
@@ -76,18 +82,21 @@ def _values(batches: list[Batch]) -> list[float]:
 def test_killed_subscriber_loses_nothing_and_doubles_nothing(
     endpoint: str, tmp_path: Path, processes: list[subprocess.Popen[str]]
 ) -> None:
-    messages, database = 400, tmp_path / "samples.sqlite"
-    processes.append(_start("publish", endpoint, str(messages), "0.005"))
-    for kill_after in (30, 900):
+    messages, database = 300, tmp_path / "samples.sqlite"
+    publisher = _start("publish", endpoint)
+    processes.append(publisher)
+    for kill_after in (10, 610):
         subscriber = _start("subscribe", endpoint, str(database))
         processes.append(subscriber)
+        _send(publisher, 100)
         _wait_for_samples(database, kill_after)
         subscriber.send_signal(signal.SIGKILL)
         subscriber.wait()
-    assert _count(database) < messages * 6, "killed after the end: the test shows nothing"
+    _send(publisher, 100)  # while nobody listens
+    _send(publisher, 0)
     last = _start("subscribe", endpoint, str(database))
     processes.append(last)
-    out, _ = last.communicate(timeout=15)
+    out, _ = last.communicate(timeout=60)
 
     rows = sqlite3.connect(database).execute("SELECT point, time, value FROM sample ORDER BY value").fetchall()
     expected = [
@@ -96,9 +105,7 @@ def test_killed_subscriber_loses_nothing_and_doubles_nothing(
         for p, t, v in zip(b.point.tolist(), b.time.tolist(), b.value.tolist(), strict=True)
     ]
     assert rows == expected
-    counters = json.loads(out.splitlines()[-1])
-    assert "message lost" not in counters
-    assert counters["message repeated"] > 0  # the history came again and was recognised
+    assert "message lost" not in json.loads(out.splitlines()[-1])
 
 
 def _count(database: Path) -> int:
@@ -109,9 +116,9 @@ def _count(database: Path) -> int:
 
 
 def _wait_for_samples(database: Path, number: int) -> None:
-    deadline = time.monotonic() + 15
+    deadline = time.monotonic() + 60
     while _count(database) < number:
-        assert time.monotonic() < deadline, f"{_count(database)} of {number} samples came within 15 s"
+        assert time.monotonic() < deadline, f"{_count(database)} of {number} samples came within 60 s"
         time.sleep(0.01)
 
 

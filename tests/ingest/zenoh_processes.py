@@ -24,14 +24,17 @@ def batch(number: int) -> Batch:
     return Batch(NAMES, np.tile(np.arange(3, dtype=np.int32), 2), time_, value, np.zeros(6, np.uint8))
 
 
-def publish(endpoint: str, messages: int, pause: float) -> None:
+def publish(endpoint: str) -> None:
+    """Publish as many messages as each line of standard input says, a few milliseconds apart; 0 is the end."""
+    number = 0
     with ZenohPublisher(ZenohOptions(listen=(endpoint,)), "test/plant", publisher="plant") as publisher:
-        for number in range(messages):
-            publisher.publish(batch(number))
-            time.sleep(pause)
-        publisher.end()
-        print("sent", flush=True)
-        sys.stdin.readline()  # stay for those who come back
+        for line in sys.stdin:
+            for _ in range(int(line)):
+                publisher.publish(batch(number))
+                number += 1
+                time.sleep(0.003)
+            if int(line) == 0:
+                publisher.end()
 
 
 def subscribe(endpoint: str, database: str) -> None:
@@ -57,6 +60,6 @@ def subscribe(endpoint: str, database: str) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1] == "publish":
-        publish(sys.argv[2], int(sys.argv[3]), float(sys.argv[4]))
+        publish(sys.argv[2])
     else:
         subscribe(sys.argv[2], sys.argv[3])
