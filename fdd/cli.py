@@ -81,20 +81,21 @@ def fit(
     since: Since = None,
     until: Until = None,
     only: Annotated[list[str] | None, typer.Option(help="Fit this equipment only; may be repeated.")] = None,
+    starts: Annotated[int, typer.Option(help="Searches for the best fit, from scattered starts.", min=1)] = 3,
     html: Annotated[Path | None, typer.Option(help="Write the validation report here.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Fit baselines by maximum likelihood to a healthy history, and put them in force."""
     from fdd.service.fitting import fit_site
 
-    fitted = fit_site(site_file, data, since=since, until=until, only=only, html=html, console=screen)
+    fitted = fit_site(site_file, data, since=since, until=until, only=only, html=html, starts=starts, console=screen)
     if as_json:
         _print_json(
             {"baselines": [asdict(f.baseline) for f in fitted], "warnings": [w for f in fitted for w in f.warnings]}
         )
         return
     for item in fitted:
-        out.print(item.summary(), highlight=False)
+        out.print(item.summary(), highlight=False, markup=False, soft_wrap=True)
     if html:
         screen.print(f"validation report: {html}")
 
@@ -158,7 +159,7 @@ def alarms_list(
     for a in found:
         table.add_row(a["key"], a["state"], a["since_local"], a["severity"], a["summary"])
     if found:
-        out.print(table)
+        out.print(table, soft_wrap=True)
 
 
 @alarms.command("ack", epilog=example('fdd alarms ack plant.yaml hx@2026-03-01T10:00:00Z --comment "on my way"'))

@@ -210,14 +210,24 @@ class Score(Chart):
         information = self.information[component] + self.past_information[component, slots].sum(axis=0)
         return change(score, information, covariance, self.spread_of(component))
 
+    def presume(self, spread: ArrayLike) -> None:
+        """Take each stream's standard deviation of z from the baseline, shape (n_c * n_p,), at least 1."""
+        self.spread = np.square(np.maximum(1.0, np.array(spread, dtype=np.float64).reshape(self.n)))
+        self.seen = np.ones(self.n, dtype=np.int64)
+
     def spread_of(self, component: int) -> FloatArray:
         """Standard deviation of a component's z that was learned, shape (n_p,); 1 where none was."""
         at = slice(component * self.parameters, (component + 1) * self.parameters)
         return np.asarray(np.sqrt(np.maximum(1.0, self.spread[at] / np.maximum(self.seen[at], 1))))
 
-    def visibility(self, component: int) -> FloatArray:
-        """Standard error of each parameter's change over the history, all free, shape (n_p,); inf: not visible."""
-        return self.estimate(component, np.iinfo(np.int64).max).joint_error
+    def visibility(self, component: int, *, joint: bool = False) -> FloatArray:
+        """Standard error of each parameter's change over the history, shape (n_p,); inf: not visible.
+
+        ``joint``: when all may move at once. Heat balances whose powers are all scaled by parameters then show none of
+        them, though each alone is seen well; a change of less than three of the errors cannot be found by any chart.
+        """
+        found = self.estimate(component, np.iinfo(np.int64).max)
+        return found.joint_error if joint else found.single_error
 
     def _step(self, z: FloatArray) -> Verdicts:
         raise TypeError("a score chart takes scores and informations: call update_scores")

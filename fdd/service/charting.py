@@ -136,6 +136,9 @@ class ScoreCharts:
             covariance=np.stack([self._covariance(b) for b in group.baselines]),
         )
 
+        spreads = [b.diagnostics.get("score_spread", {}) for b in group.baselines]
+        self._chart.presume([spread.get(s, 1.0) for spread in spreads for s in self._symbols])
+
     def _covariance(self, baseline: Baseline) -> FloatArray:
         """Of the physical parameters, on the estimation scale; zero for a baseline that is known, not fitted."""
         if not baseline.covariance:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from fdd.greybox.filter_bank import STATUS, FilterBank
 from fdd.records import NANOSECONDS, Baseline, FloatArray, IntArray, JsonObject
+from fdd.residual_monitors.whiten import Whitener
 from fdd.service.plan import Component
 
 NEVER = np.iinfo(np.int64).min
@@ -72,9 +73,7 @@ class FilterGroup:
         names = [p.symbol for p in self.model.parameters]
         parameters = np.array([[b.parameters[s] for s in names] for b in self.baselines])
         self._bank = FilterBank(self.model, parameters)
-        statistics = [[b.innovation.get(o.symbol, {}) for o in self.model.outputs] for b in self.baselines]
-        self._mean = np.array([[s.get("mean", 0.0) for s in row] for row in statistics])
-        self._sd = np.array([[s.get("sd", 1.0) for s in row] for row in statistics])
+        self._whitener = _whitener(self.baselines, [o.symbol for o in self.model.outputs])
         n = len(components)
         self._last = np.full(n, NEVER, dtype=np.int64)
         self._quiet = np.full(n, NEVER, dtype=np.int64)
@@ -100,11 +99,12 @@ class FilterGroup:
         self._last = np.where(running & ~broken, time, np.where(broken, NEVER, self._last))
         self._count(step.status[broken])
         charted = running & ~broken & (time >= self._quiet)
-        z = (step.standardised - self._mean) / self._sd
+        seen = np.where(charted[:, None], step.standardised, np.nan)
+        white = self._whitener.update(seen.ravel()).reshape(seen.shape)
         return GroupStep(
             predicted=step.predicted,
             sd=np.sqrt(step.variance),
-            standardised=np.where(charted[:, None], z, np.nan),
+            standardised=white,
             measured=y,
             running=running & ~broken,
             charted=charted,
@@ -140,6 +140,7 @@ class FilterGroup:
             "quiet": self._quiet.copy(),
             "held": self._held.copy(),
             "held_at": self._held_at.copy(),
+            "whitener": self._whitener.export_state(),
             "restarts": dict(self.restarts),
         }
 
@@ -150,4 +151,15 @@ class FilterGroup:
         self._quiet = np.array(state["quiet"], dtype=np.int64)
         self._held = np.array(state["held"], dtype=np.float64)
         self._held_at = np.array(state["held_at"], dtype=np.int64)
+        self._whitener.restore_state(state["whitener"])
         self.restarts = dict(state["restarts"])
+
+
+def _whitener(baselines: Sequence[Baseline], outputs: Sequence[str]) -> Whitener:
+    """Takes out what colour, mean and scale the innovations had on their baselines; nothing where these are unknown."""
+    table = [b.innovation.get(symbol, {}) for b in baselines for symbol in outputs]
+    order = max((len(s.get("ar", ())) for s in table), default=0)
+    coefficients = np.zeros((len(table), order))
+    for row, s in zip(coefficients, table, strict=True):
+        row[: len(s.get("ar", ()))] = s.get("ar", ())
+    return Whitener(coefficients, [s.get("mean", 0.0) for s in table], [s.get("sd", 1.0) for s in table])

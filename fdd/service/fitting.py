@@ -14,9 +14,12 @@ from fdd.service.baselines import accept
 from fdd.service.errors import UsageError
 from fdd.service.feed import Feed
 from fdd.service.history import History, read_history
-from fdd.service.identify import IdentifyError, identify
+from fdd.service.identify import IdentifyError, chance, identify
 from fdd.service.opened import Opened, open_site
 from fdd.service.plan import Component
+
+# Parameter charts widened by more than this are worth a warning.
+LOOSE = 1.5
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class Fitted:
                 f"  innovations of {symbol}: standard deviation {s['sd']:.3f} (1 when the model is right), "
                 f"lag-one autocorrelation {s['lag1']:+.3f} (0 when it is)"
             )
-        lines += [f"  warning: {w}" for w in self.warnings]
+        lines += [f"  warning: {w}" for w in self.warnings if w not in self.result.warnings]
         lines.append(f"  baseline version {self.baseline.version} of {self.baseline.component} is in force")
         return "\n".join(lines)
 
@@ -48,6 +51,7 @@ def fit_site(
     until: str | None,
     only: list[str] | None,
     html: Path | None,
+    starts: int,
     console: Console,
 ) -> list[Fitted]:
     """Fit every component (or those named), put the baselines in force, and say what is wrong with them.
@@ -67,7 +71,7 @@ def fit_site(
         for component in chosen:
             progress.update(task, description=f"fitting {component.name}")
             try:
-                baseline, result = identify(opened.plan, component, history)
+                baseline, result = identify(opened.plan, component, history, starts=starts)
             except IdentifyError as error:
                 failures.append(str(error))
             else:
@@ -117,10 +121,16 @@ def warnings_of(baseline: Baseline, result: FitResult) -> tuple[str, ...]:
     """What a reader must know before trusting a baseline."""
     found = list(result.warnings)
     for symbol, s in baseline.innovation.items():
-        limit = 4.0 / s["samples"] ** 0.5
-        if abs(s["lag1"]) > max(limit, 0.05):
+        if abs(s["lag1"]) > chance(s["samples"]):
             found.append(
-                f"{symbol}: innovations are not white (lag one {s['lag1']:+.2f}): the model misses part "
-                "of the dynamics; false alarms will be more frequent than the budget unless the charts are widened"
+                f"{symbol}: innovations are not white (lag-one autocorrelation {s['lag1']:+.2f}): the model misses part "
+                "of the dynamics; the colour is taken out before they are charted, so that faults show later and smaller"
             )
+    loose = {k: v for k, v in baseline.diagnostics.get("score_spread", {}).items() if v > LOOSE}
+    if loose:
+        worst = max(loose, key=lambda k: loose[k])
+        found.append(
+            f"scores vary up to {loose[worst]:.1f} times more than the model says ({worst}); parameter charts are "
+            "widened by that much"
+        )
     return tuple(found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +10,10 @@ import numpy as np
 from fdd.greybox.fit import fit
 from fdd.greybox.likelihood import Data
 from fdd.greybox.results import FitResult
-from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
-from fdd.service.filters import FilterGroup
+from fdd.records import NANOSECONDS, Baseline, JsonObject
+from fdd.residual_monitors.whiten import Whitener
+from fdd.service.charting import SCORE_BLOCK
+from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.history import History, Run, runs
 from fdd.service.plan import Component, Plan
 
@@ -22,6 +24,10 @@ class IdentifyError(ValueError):
 
 # Fewer samples than this for each parameter leave more to chance than to the plant.
 SAMPLES_PER_PARAMETER = 10
+# Second order is enough for what a nearly right model leaves: a relaxation and an overshoot.
+COLOUR_ORDER = 2
+# A spread from fewer blocks would say more of chance than of the model.
+FEWEST_BLOCKS = 8
 
 
 def identify(
@@ -31,9 +37,9 @@ def identify(
     *,
     version: int = 1,
     start: Mapping[str, float] | None = None,
-    progress: Callable[[str], None] | None = None,
+    starts: int = 1,
 ) -> tuple[Baseline, FitResult]:
-    """Fit one component to a healthy history.
+    """Fit one component to a healthy history; ``starts`` searches, the first from ``start``, the best one counts.
 
     Raises
     ------
@@ -49,7 +55,7 @@ def identify(
             f"{', '.join((*component.inputs, *component.outputs))} have data there"
             + (f" and that the gate {component.when!r} is open" if component.when else "")
         )
-    result = fit(component.model, [_data(r) for r in found], start=start)
+    result = fit(component.model, [_data(r) for r in found], start=start, starts=starts)
     baseline = Baseline(
         component=component.name,
         version=version,
@@ -70,39 +76,71 @@ def identify(
             "at_bound": list(result.at_bound),
         },
     )
-    statistics = innovation_statistics(plan, component, baseline, history)
-    return replace(baseline, innovation=statistics), result
+    steps = healthy_steps(plan, component, baseline, history)
+    diagnostics = {**baseline.diagnostics, "score_spread": score_spread(plan, component, steps)}
+    return replace(baseline, innovation=innovation_statistics(component, steps), diagnostics=diagnostics), result
 
 
 def _data(run: Run) -> Data:
     return Data(t=(run.time - run.time[0]) / NANOSECONDS, u=run.u, y=run.y)
 
 
-def standardised_innovations(plan: Plan, component: Component, baseline: Baseline, history: History) -> FloatArray:
-    """What the engine would feed the component's charts over a history, shape (m, n_outputs), NaN where nothing."""
+def healthy_steps(plan: Plan, component: Component, baseline: Baseline, history: History) -> list[GroupStep]:
+    """What the engine would have seen of a component over a history, frame by frame."""
     group = FilterGroup([component], {component.name: baseline}, plan.columns, hold=plan.hold, max_gap=plan.max_gap)
-    steps = [group.step(t, row).standardised[0] for t, row in zip(history.time.tolist(), history.values, strict=True)]
-    return np.array(steps)
+    return [group.step(t, row) for t, row in zip(history.time.tolist(), history.values, strict=True)]
 
 
-def innovation_statistics(
-    plan: Plan, component: Component, baseline: Baseline, history: History
-) -> dict[str, JsonObject]:
-    """Mean, spread and lag-one autocorrelation of each output's standardised innovations on the baseline.
+def innovation_statistics(component: Component, steps: Sequence[GroupStep]) -> dict[str, JsonObject]:
+    """What is left of each output's standardised innovations on the baseline: mean, colour and spread.
 
-    The spread is the larger of the standard deviation and the interquartile one: heavy shoulders or heavy tails, a
-    chart that is fed with these values keeps its promise only if neither is understated.
+    Where they are coloured beyond chance, an autoregression (``ar``) takes the colour out before they are charted. The
+    spread is the larger of the standard deviation and the interquartile one: heavy shoulders or heavy tails, a chart
+    that is fed with these values keeps its promise only if neither is understated.
     """
-    z = standardised_innovations(plan, component, baseline, history)
+    z = np.array([s.standardised[0] for s in steps])
     found: dict[str, JsonObject] = {}
     for quantity, column in zip(component.model.outputs, z.T, strict=True):
         seen = column[np.isfinite(column)]
-        low, high = np.percentile(seen, [25, 75])
         both = np.isfinite(column[1:]) & np.isfinite(column[:-1])
+        lag1 = float(np.corrcoef(column[1:][both], column[:-1][both])[0, 1])
+        order = COLOUR_ORDER if abs(lag1) > chance(len(seen)) else 0
+        whitener = Whitener.fit(column[:, None], order, centre=True)
+        whitener.scale[:] = 1.0
+        white = np.array([whitener.update(row)[0] for row in column[:, None]])
+        white = white[np.isfinite(white)]
+        low, high = np.percentile(white, [25, 75])
         found[quantity.symbol] = {
-            "mean": float(seen.mean()),
-            "sd": float(max(seen.std(), (high - low) / 1.349)),
-            "lag1": float(np.corrcoef(column[1:][both], column[:-1][both])[0, 1]),
+            "mean": float(whitener.mean[0]),
+            "ar": whitener.coefficients[0].tolist(),
+            "sd": float(max(white.std(), (high - low) / 1.349)),
+            "lag1": lag1,
             "samples": len(seen),
         }
     return found
+
+
+def chance(samples: int) -> float:
+    """Lag-one autocorrelation that white innovations hardly ever show in so many samples."""
+    return max(0.03, 4.0 / float(np.sqrt(samples)))
+
+
+def score_spread(plan: Plan, component: Component, steps: Sequence[GroupStep]) -> dict[str, float]:
+    """Standard deviation of each parameter's block scores on the baseline: 1 where the model is true, else more.
+
+    Where the model misses something, innovations are coloured and scores of hours vary more than their information
+    says; the charts divide by this.
+    """
+    charted = [s for s in steps if s.charted[0] and np.isfinite(s.score).all() and np.isfinite(s.information).all()]
+    block = max(1, SCORE_BLOCK // plan.step)
+    n = len(charted) // block
+    if n < FEWEST_BLOCKS:
+        return {}
+    p = len(component.model.parameters)
+    score = np.array([s.score[0] for s in charted[: n * block]]).reshape(n, block, p).sum(axis=1)
+    information = (
+        np.array([np.diagonal(s.information[0]) for s in charted[: n * block]]).reshape(n, block, p).sum(axis=1)
+    )
+    z = np.where(information > 0, score / np.sqrt(np.where(information > 0, information, 1.0)), 0.0)
+    spread = np.maximum(1.0, np.sqrt(np.mean(np.square(z), axis=0)))
+    return {q.symbol: float(v) for q, v in zip(component.model.parameters, spread, strict=True)}
