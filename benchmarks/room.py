@@ -6,8 +6,9 @@ numpy, apart from the filters under test.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,10 +16,12 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 
 from fdd.greybox.filter_bank import FilterBank
+from fdd.greybox.fit import fit
+from fdd.greybox.likelihood import Data
 from fdd.models.declare import ComponentModel, Parameter, Quantity, State
 from fdd.plant.weather import weather
 from fdd.records import NANOSECONDS, FloatArray
-from fdd.residual_monitors.chart import Chart, Phase
+from fdd.residual_monitors.chart import Phase
 from fdd.residual_monitors.cusum import Cusum
 from fdd.residual_monitors.run_length import Rule, alarm_probability, limit_for
 from fdd.residual_monitors.score import Score
@@ -30,7 +33,7 @@ BLOCK = 72
 START = 1_706_745_600 * NANOSECONDS  # 1 February 2024
 PHYSICAL = ("R_ea", "R_ie", "C_i", "C_e", "gain", "A_w")
 VALUES = {
-    "R_ea": 4.6e-3, "R_ie": 8.6e-4, "C_i": 3.8e6, "C_e": 1.04e7, "gain": 1.0, "A_w": 3.0,
+    "R_ea": 4.6e-3, "R_ie": 8.6e-4, "C_i": 3.8e6, "C_e": 1.04e7, "gain": 1.0, "A_w": 1.0,
     "sigma_i": 5e-3, "sigma_e": 5e-3, "noise": 0.03,
 }  # fmt: skip
 FAULTS: dict[str, tuple[str, float]] = {
@@ -108,9 +111,9 @@ def simulate(runs: int, seed: int, fault: tuple[str, float] | None = None, days:
     u = np.empty((steps, runs, 3))
     for r in range(runs):
         sky = weather(time, rng)
-        u[:, r, 0], u[:, r, 1] = sky.T_out, sky.I_south
-    # A PRBS that changes at most every 20 minutes and is on half of the time.
-    u[:, :, 2] = 4500.0 * np.repeat(rng.integers(0, 2, (steps // 4 + 1, runs)), 4, axis=0)[:steps]
+        u[:, r, 0], u[:, r, 1] = sky.T_out, sky.I_north
+    # A PRBS that changes at most every hour and is on half of the time.
+    u[:, :, 2] = 4500.0 * np.repeat(rng.integers(0, 2, (steps // 12 + 1, runs)), 12, axis=0)[:steps]
     healthy, broken = dict(VALUES), dict(VALUES)
     if fault:
         broken[fault[0]] *= fault[1]
@@ -151,12 +154,16 @@ def limit_for_chance(k: float, updates: int, chance: float) -> float:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Of one detector and one fault: delays [days], runs that alarmed before the onset, share rightly named."""
+    """Of one detector and one fault: delays [days], runs that alarmed before the onset, share rightly named.
+
+    ``error``: median standard error of each parameter's change over the 60 days, log scale, it alone moving.
+    """
 
     delay: FloatArray
     early: int
     runs: int
     named: float | None = None
+    error: dict[str, float] | None = None
 
     @property
     def found(self) -> float:
@@ -171,42 +178,61 @@ class Outcome:
         return middle if np.isfinite(middle) else float("nan")
 
 
-def _outcome(first: FloatArray, named: float | None = None) -> Outcome:
-    """From the update of the first alarm of each run, NaN where none came."""
-    early = int(np.sum(first < ONSET * DAY))
-    late = first[first >= ONSET * DAY]
-    return Outcome((late - ONSET * DAY + 1) / DAY, early, len(first), named)
+@dataclass(frozen=True)
+class Detection:
+    """Of all runs: update of the first alarm by detector (NaN: none), parameter named, standard errors (runs, 6)."""
+
+    first: dict[str, FloatArray]
+    named: dict[int, str]
+    error: FloatArray
+
+    def outcomes(self, rows: slice, answer: str | None = None) -> dict[str, Outcome]:
+        """What each detector made of these runs."""
+        right = [self.named[i] == answer for i in range(rows.start, rows.stop) if i in self.named]
+        out = {}
+        for name, every in self.first.items():
+            first = every[rows]
+            late = first[first >= ONSET * DAY]
+            out[name] = Outcome((late - ONSET * DAY + 1) / DAY, int(np.sum(first < ONSET * DAY)), len(first))
+        median = np.median(self.error[rows], axis=0).tolist()
+        score = out["score"]
+        out["score"] = replace(
+            score, named=float(np.mean(right)) if right else None, error=dict(zip(PHYSICAL, median, strict=True))
+        )
+        return out
+
+
+def together(cases: Sequence[Runs]) -> tuple[Runs, list[slice]]:
+    """Runs side by side, and where each case stands."""
+    edges = np.cumsum([0, *(c.y.shape[1] for c in cases)])
+    rows = [slice(int(a), int(b)) for a, b in pairwise(edges)]
+    return Runs(np.concatenate([c.u for c in cases], axis=1), np.concatenate([c.y for c in cases], axis=1)), rows
 
 
 def detect(
-    runs: Runs, chance: float = 0.1, parameters: FloatArray | None = None, answer: str | None = None,
-    progress: Callable[[], None] | None = None, baseline_samples: float = np.inf,
-) -> dict[str, Outcome]:  # fmt: skip
+    runs: Runs, chance: float = 0.1, parameters: FloatArray | None = None, covariance: FloatArray | None = None
+) -> Detection:
     """Run the filter and all detectors over the runs.
 
     Parameters
     ----------
     chance : of a false alarm of each detector (of all six score charts together) in the 60 days
     parameters : shape (runs, n_p), what the filters believe; the true ones by default
-    answer : the parameter that should be named
+    covariance : shape (runs, 6, 6), of the physical parameters the filters believe, on the log scale
     """
     steps, n = runs.y.shape
     bank = FilterBank(model(), np.tile(list(VALUES.values()), (n, 1)) if parameters is None else parameters)
     p = len(PHYSICAL)
-    wide = float(np.sqrt(BLOCK / baseline_samples))
     blocks = steps // BLOCK
-    share = -np.expm1(np.log1p(-chance) / p)
-    limit = limit_for_chance(0.5, blocks, share)
-    if wide > 0:
-        limit = float(limit_for("cusum", blocks / -np.log1p(-share), k=0.5, shift_sd=wide))
-    score = Score(np.full((n, p), limit), block=BLOCK, history=60)
+    limit = limit_for_chance(0.5, blocks, -np.expm1(np.log1p(-chance) / p))
+    score = Score(np.full((n, p), limit), block=BLOCK, history=blocks, covariance=covariance)
     charts = {
         "innovations, k = 0.5": Cusum(np.full(n, limit_for_chance(0.5, steps, chance))),
         "innovations, k = 0.1": Cusum(np.full(n, limit_for_chance(0.1, steps, chance)), k=0.1),
     }
     means = Means(Cusum(np.full(n, limit_for_chance(0.5, blocks, chance))), BLOCK)
     first = {name: np.full(n, np.nan) for name in (*charts, "6-h means", "score")}
-    answers: dict[int, bool] = {}
+    named: dict[int, str] = {}
     since = np.zeros(n, dtype=np.int64)
     for t in range(steps):
         step = bank.step(STEP, runs.u[t], runs.y[t][:, None])
@@ -216,13 +242,26 @@ def detect(
         _note(first["6-h means"], means.update(z), t)
         said = score.update_scores(step.score[:, :p], step.information[:, :p, :p])
         _note(first["score"], (said.phase == Phase.ALARM).reshape(n, p).any(axis=1), t)
-        since = np.where(first["score"] == t, _since(said.onset_age, score, n, p), since + 1)
+        new = first["score"] == t
+        since += 1
+        if new.any():
+            since[new] = _since(said.onset_age, score)[new]
         for i in np.flatnonzero((first["score"] >= ONSET * DAY) & (t - first["score"] == 2 * DAY)):
-            answers[int(i)] = named_by(score, int(i), int(since[i])) == answer
-        if progress and t % DAY == 0:
-            progress()
-    named = float(np.mean(list(answers.values()))) if answers and answer else None
-    return {name: _outcome(times, named if name == "score" else None) for name, times in first.items()}
+            named[int(i)] = named_by(score, int(i), int(since[i]))
+    return Detection(first, named, np.array([score.visibility(i) for i in range(n)]))
+
+
+def detect_fitted(runs: Runs, seed: int, days: int = 14) -> Detection:
+    """The same with filters fitted by maximum likelihood on other healthy days of the same season."""
+    before = simulate(runs.y.shape[1], seed, days=days)
+    seconds = STEP * np.arange(len(before.y))
+    found = [
+        fit(model(), Data(seconds, before.u[:, r], before.y[:, r : r + 1]), start=VALUES, errors="fisher")
+        for r in range(before.y.shape[1])
+    ]
+    parameters = np.array([list(f.params.values()) for f in found])
+    p = len(PHYSICAL)
+    return detect(runs, parameters=parameters, covariance=np.array([f.cov_scale[:p, :p] for f in found]))
 
 
 def named_by(score: Score, component: int, updates: int) -> str:
@@ -230,10 +269,11 @@ def named_by(score: Score, component: int, updates: int) -> str:
     return PHYSICAL[int(np.argmax(score.estimate(component, updates).gain))]
 
 
-def _since(age: FloatArray, score: Score, n: int, p: int) -> FloatArray:
+def _since(age: np.ndarray, score: Score) -> np.ndarray:
     """Age of the onset of the strongest of each run's charts."""
-    strongest = np.argmax(score.latched.reshape(n, p) * np.maximum(score.upper, score.lower).reshape(n, p), axis=1)
-    return np.asarray(age.reshape(n, p)[np.arange(n), strongest])
+    shape = score.components, score.parameters
+    strongest = np.argmax((score.latched * np.maximum(score.upper, score.lower)).reshape(shape), axis=1)
+    return np.asarray(age.reshape(shape)[np.arange(shape[0]), strongest])
 
 
 def _note(first: FloatArray, alarm: np.ndarray, t: int) -> None:
@@ -243,6 +283,3 @@ def _note(first: FloatArray, alarm: np.ndarray, t: int) -> None:
 def false_alarm_share(outcomes: dict[str, Outcome]) -> dict[str, float]:
     """Share of healthy runs in which each detector alarmed at all."""
     return {name: (o.early + len(o.delay)) / o.runs for name, o in outcomes.items()}
-
-
-__all__ = ["FAULTS", "Chart", "Outcome", "Runs", "detect", "false_alarm_share", "model", "simulate"]

@@ -95,6 +95,7 @@ def test_unexcited_parameter_is_not_visible_and_never_alarms() -> None:
     assert np.isnan(found.joint[2])
     assert np.all(np.isfinite(found.joint[:2]))
     assert np.isinf(chart.visibility(0)[2])
+    assert np.all(chart.visibility(0)[:2] <= chart.visibility(0, joint=True)[:2])
 
 
 def test_two_parameters_that_only_act_together_have_no_joint_estimate() -> None:
