@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+RIDGE = 1e-3  # log-likelihood per squared unit of a parameter
 Objective = Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]
 
 
@@ -34,24 +35,25 @@ def minimise(
     *,
     scale: FloatArray | None = None,
     radius: float = 1.0,
-    tolerance: float = 1e-8,
+    tolerance: float = 1e-7,
     most: int = 200,
+    curvature: FloatArray | None = None,
 ) -> Optimum:
     """Minimise within bounds; ``scale`` (k,) is a natural unit of each parameter, ``radius`` counts in it.
 
-    The quadratic model is the Fisher information, corrected by a symmetric rank-one update where the steps show that
-    the observed curvature differs from it. The search stops when model and last step both promise and gave less than
-    ``tolerance`` (in units of the log-likelihood).
+    The quadratic model is the Fisher information: positive semidefinite everywhere, which the observed curvature is
+    not. A ``curvature`` (k, k) replaces it, for the end of a search whose model does not fit the data. The search stops
+    when the model promises, and the last step gave, less than ``tolerance`` (in units of the log-likelihood).
     """
     unit = np.ones_like(start) if scale is None else scale
     x = np.clip(start, lower, upper)
     f, g, B = objective(x)
-    count, correction = 1, np.zeros((len(x), len(x)))
+    count = 1
     if not math.isfinite(f):
         return Optimum(x, f, g, B, count, False, "the likelihood is not finite at the start")
     last, reason = math.inf, "the most evaluations were used"
     while count < most:
-        model = _definite((B + correction) * np.outer(unit, unit))
+        model = _definite((B if curvature is None else curvature) * np.outer(unit, unit))
         step, promised = _bounded_step(g * unit, model, radius, (lower - x) / unit, (upper - x) / unit)
         if promised < tolerance and last < tolerance * 10:
             return Optimum(x, f, g, B, count, True, "converged")
@@ -68,28 +70,19 @@ def minimise(
         elif ratio > 0.7 and length > 0.9 * radius:
             radius = min(radius * 2.5, 10.0)
         if gained > 0 and ratio > 1e-4:
-            correction = _rank_one(correction, Bn, new - x, gn - g)
             x, f, g, B, last = new, fn, gn, Bn, gained
         elif radius < 1e-9 or (promised < 1e-6 and abs(gained) < 1e-9 * max(1.0, abs(f))):
             return Optimum(x, f, g, B, count, promised < 1e-3, "no step improves the likelihood any more")
-        elif math.isfinite(fn):
-            correction = _rank_one(correction, B, new - x, gn - g)
     return Optimum(x, f, g, B, count, False, reason)
 
 
-def _rank_one(correction: FloatArray, B: FloatArray, step: FloatArray, change: FloatArray) -> FloatArray:
-    """SR1 update of the difference between observed and expected information; damped, so that old knowledge fades."""
-    miss = change - (B + correction) @ step
-    denominator = float(miss @ step)
-    if abs(denominator) < 1e-8 * float(np.linalg.norm(miss) * np.linalg.norm(step)) or not np.isfinite(denominator):
-        return correction
-    return np.asarray(correction + np.outer(miss, miss) / denominator)
-
-
 def _definite(B: FloatArray) -> FloatArray:
-    """Symmetric; directions of negative curvature get the size of it with a positive sign."""
+    """Symmetric; directions of negative curvature get the size of it with a positive sign.
+
+    A direction the data say nothing about keeps a little stiffness, or a search strays along it to where it is lost.
+    """
     values, vectors = np.linalg.eigh(0.5 * (B + B.T))
-    return np.asarray((vectors * np.maximum(np.abs(values), 1e-12 * max(1e-12, np.abs(values).max()))) @ vectors.T)
+    return np.asarray((vectors * (np.abs(values) + RIDGE)) @ vectors.T)
 
 
 def _bounded_step(
