@@ -6,7 +6,6 @@ Each section returns its figures and what the context should say; a new one (who
 in ``SECTIONS``.
 """
 
-# ruff: noqa: E402
 from __future__ import annotations
 
 import os

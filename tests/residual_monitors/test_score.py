@@ -170,3 +170,32 @@ def test_shapes_are_checked() -> None:
         chart.update_scores(np.zeros((3, 2)), np.zeros((3, 2, 2)))
     with pytest.raises(TypeError, match="update_scores"):
         chart.update(np.zeros(6))
+
+
+@pytest.mark.parametrize("isolated", [False, True])
+def test_components_with_fitted_baselines_say_what_each_says_alone(isolated: bool) -> None:
+    rng, n, p = default_rng(11), 5, 7
+    root = rng.standard_normal((n, p, 2 * p))
+    covariance = 1e-3 * root @ root.transpose(0, 2, 1)
+    options = {"block": 10, "isolated": isolated}
+    big = Score(np.full((n, p), 50.0), covariance=covariance, **options)  # type: ignore[arg-type]
+    alone = [Score(np.full((1, p), 50.0), covariance=covariance[i : i + 1], **options) for i in range(n)]  # type: ignore[arg-type]
+    score, information = regression(rng, 120, n, np.zeros(p))
+    score[rng.random((120, n)) < 0.2] = np.nan
+    for s, i in zip(score, information, strict=True):
+        said = big.update_scores(s, i).statistic.reshape(n, p)
+        for c, chart in enumerate(alone):
+            assert chart.update_scores(s[c : c + 1], i[c : c + 1]).statistic.tobytes() == said[c].tobytes()
+    assert big.estimate(2, 10_000).joint.tobytes() == alone[2].estimate(0, 10_000).joint.tobytes()
+
+
+def test_what_the_baseline_error_explains_is_forgiven_and_more_is_not() -> None:
+    rng, n, m = default_rng(12), 200, 400
+    covariance = np.tile([[1 / m]], (n, 1, 1))
+    share = {}
+    for errors in (1.0, 8.0):
+        chart = Score.design(np.full((n, 1), 1e5), parameters=1, block=20, covariance=covariance)
+        delta = np.array([errors / np.sqrt(m)])
+        share[errors] = np.mean(first_alarm(chart, *regression(rng, 4000, n, delta)) >= 0)
+    assert share[1.0] < 0.06
+    assert share[8.0] > 0.95

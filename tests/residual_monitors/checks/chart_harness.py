@@ -26,10 +26,13 @@ INFORMATION = np.array([[4.0, 1.0], [1.0, 2.0]])
 ROOT = np.linalg.cholesky(INFORMATION)
 
 
-def build(kind: str, units: int, arl: float = 2000.0) -> Chart:
-    """A chart of so many streams (components, for score charts)."""
+def build(kind: str, units: int, arl: float = 2000.0, options: dict[str, Any] | None = None) -> Chart:
+    """A chart of so many streams (components, for score charts); ``options`` instead of the small ones here."""
     streams = units * WIDTH if charts()[kind].feed is Feed.SCORES else units
-    return make(kind, np.full(streams, arl), **OPTIONS.get(kind, {}))
+    own = OPTIONS.get(kind, {}) if options is None else options
+    if charts()[kind].feed is Feed.SCORES:
+        own = {"parameters": WIDTH, **own}
+    return make(kind, np.full(streams, arl), **own)
 
 
 def draw(rng: Generator, kind: str, steps: int, units: int) -> Array:

@@ -44,14 +44,28 @@ def test_false_alarms_come_at_the_designed_rate_with_missing_values(kind: str) -
     assert_rate(kind, missing=0.3)
 
 
-def assert_rate(kind: str, missing: float) -> None:
+@every_chart
+@pytest.mark.slow
+def test_false_alarms_come_at_the_designed_rate_where_budgets_live(kind: str) -> None:
+    """A chart of three months between false alarms at 5 min, with the settings it ships with."""
+    assert_rate(kind, missing=0.1, units=500, arl=26_000.0, steps=52_000, options={})
+
+
+def assert_rate(
+    kind: str,
+    missing: float,
+    units: int = 600,
+    arl: float = 1000.0,
+    steps: int = 2000,
+    options: dict[str, Any] | None = None,
+) -> None:
     """First alarms over time seen, against the design; a run length is geometric but for its first updates."""
-    rng, units, arl = default_rng(7), 600, 1000.0
-    chart = build(kind, units, arl)
-    steps = 2000
+    rng = default_rng(7)
+    chart = build(kind, units, arl, options)
     alive = np.ones(chart.n, dtype=bool)
     seen, alarms = 0.0, 0
-    for x in draw(rng, kind, steps, units):
+    for _ in range(steps):
+        x = draw(rng, kind, 1, units)[0]
         gone = rng.uniform(size=units) < missing
         x[gone] = np.nan
         there = np.repeat(~gone, chart.n // units)
