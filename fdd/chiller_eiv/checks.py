@@ -128,13 +128,13 @@ class Finding:
     ----------
     sentence : the finding in one sentence
     cause : name of the most likely cause
-    probability : of it among the explanations compared
+    probability : of it among the explanations compared; None where none were
     checks : what to check, first one first
     """
 
     sentence: str
     cause: str
-    probability: float
+    probability: float | None
     checks: tuple[str, ...]
 
 
@@ -170,6 +170,44 @@ def diagnose(
         "compressor, oil, bypass valve",
     )
     return Finding(f"{isolation.name} {amount}; {sensors.note}", isolation.name, isolation.probability, checks)
+
+
+@dataclass(frozen=True, slots=True)
+class DailyChange:
+    """A daily series in alarm: its change (share of power, or K) and since when, as text."""
+
+    series: str
+    change: float
+    since: str
+
+
+def diagnose_daily(changes: tuple[DailyChange, ...], power: str, sensors: SensorCheck) -> Finding:
+    """Words for daily charts in alarm where no parameter says more.
+
+    Parameters
+    ----------
+    changes : the alarmed series, at least one
+    power : name of the power residual's series
+    sensors : heat balance since then
+    """
+    sides = {c.series: c.change for c in changes if c.series != power}
+    words = []
+    for c in changes:
+        if c.series == power:
+            more = "more" if c.change > 0 else "less"
+            words.append(
+                f"takes {abs(100 * c.change):.1f} % {more} power at given load and temperatures since {c.since}"
+            )
+        else:
+            words.append(f"{c.series} {'up' if c.change > 0 else 'down'} {abs(c.change):.2f} K since {c.since}")
+    text = f"{', '.join(words)}; {sensors.note}"
+    if sensors.suspicious:
+        return Finding(text, "sensor", None, ("flow meter", "chilled-water temperature sensors"))
+    cause = "power" if any(c.series == power for c in changes) else _side(sides).split(" ")[0] + " side"
+    if any(c.series == "subcooling" for c in changes):
+        return Finding(text, "refrigerant charge", None, ("refrigerant charge", *_fouling_checks(_side(sides))))
+    checks = ("power meter and auxiliaries on it", "flow meter", *_fouling_checks(_side(sides)))
+    return Finding(text, cause, None, checks)
 
 
 def _side(sides: Mapping[str, float]) -> str:

@@ -225,6 +225,7 @@ class DriftVerdict:
     Attributes
     ----------
     time : end of the week [ns]
+    parameters : the charted parameters, in the order of every array here
     week : its estimate
     z : shape (p,), standardised change; NaN where the week had too few points
     phase : shape (p,), :class:`fdd.residual_monitors.chart.Phase`
@@ -234,6 +235,7 @@ class DriftVerdict:
     """
 
     time: int
+    parameters: tuple[str, ...]
     week: WeekEstimate
     z: FloatArray
     phase: IntArray
@@ -291,7 +293,7 @@ class DriftMonitor:
             isolation = self._isolate(onset)
         phase = verdicts.phase.astype(np.int64)
         return DriftVerdict(
-            time, week, z, phase, verdicts.statistic.copy(), np.asarray(verdicts.limit), onset, isolation
+            time, b.parameters, week, z, phase, verdicts.statistic.copy(), np.asarray(verdicts.limit), onset, isolation
         )
 
     def reset(self, baseline: DriftBaseline | None = None) -> None:

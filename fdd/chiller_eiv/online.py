@@ -8,12 +8,12 @@ samples give the same verdicts in one batch or many, before or after a restart.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
 from fdd.chiller_eiv.baseline import POWER, ChillerBaseline, learn_baseline
-from fdd.chiller_eiv.checks import Finding, SensorCheck, check_balance, diagnose
+from fdd.chiller_eiv.checks import DailyChange, Finding, SensorCheck, check_balance, diagnose, diagnose_daily
 from fdd.chiller_eiv.config import ChillerConfig
 from fdd.chiller_eiv.cost import ExtraCost, extra_cost
 from fdd.chiller_eiv.drift import WEEK, DriftMonitor, DriftVerdict
@@ -39,11 +39,12 @@ class ChillerOutputs:
     rejected : raw samples by reason
     daily : verdict by series: the power residual and the approaches
     weekly : verdict of the parameter charts where a week ended with this day
-    finding : words for a parameter drift that is in alarm
+    finding : words for what is in alarm: the parameter drift where there is one, otherwise the daily charts
     sensors : heat-balance check that goes with the finding
     cost : extra consumption over the last week, where any chart is in alarm
     learned : the baseline, on the day it was learned
     note : why there is no baseline yet, while there is none
+    kept, seen : raw samples that became part of a point, and all of them, since the start
     """
 
     time: int
@@ -57,6 +58,8 @@ class ChillerOutputs:
     cost: ExtraCost | None = None
     learned: ChillerBaseline | None = None
     note: str = ""
+    kept: int = 0
+    seen: int = 0
 
     @property
     def alarm(self) -> bool:
@@ -88,6 +91,9 @@ class ChillerMonitor:
         self._points: list[SteadyPoints] = []
         self._hours: list[float] = []
         self._last_week = 0
+        self._standing: Finding | None = None
+        self._kept = 0
+        self._seen = 0
         self._charts()
 
     def _charts(self) -> None:
@@ -142,6 +148,7 @@ class ChillerMonitor:
             m.reset()
         if self._drift is not None:
             self._drift.reset()
+        self._standing = None
 
     def _close_day(self) -> ChillerOutputs:
         time = np.array(self._times, dtype=np.int64)
@@ -151,10 +158,14 @@ class ChillerMonitor:
         points, rejected, hours = self._steady(time, table)
         self._points = [*self._points, points]
         self._hours = [*self._hours, hours][-7:]
-        learned, note = None, ""
+        self._kept += int(points.samples.sum())
+        self._seen += len(time)
         if self.baseline is None:
             learned, note = self._learn(end)
-            return ChillerOutputs(end, points, np.zeros(0), rejected, learned=learned, note=note)
+            empty = np.zeros(0)
+            return ChillerOutputs(
+                end, points, empty, rejected, learned=learned, note=note, kept=self._kept, seen=self._seen
+            )
         return self._watch(end, points, rejected)
 
     def _steady(self, time: IntArray, table: FloatArray) -> tuple[SteadyPoints, Mapping[str, int], float]:
@@ -197,11 +208,21 @@ class ChillerMonitor:
             _, medians = daily_medians(points.time, series[name]) if name in series else (None, np.zeros(0))
             daily[name] = monitor.update(end, float(medians[0]) if len(medians) else np.nan)
         weekly = self._close_weeks(end)
-        finding, sensors = self._finding(weekly, daily)
+        finding, sensors = self._finding(end, weekly, daily)
         alarm = any(v.alarm for v in daily.values()) or (weekly is not None and weekly.alarm)
         cost = self._cost(end) if alarm else None
         return ChillerOutputs(
-            end, points, series.get(POWER, np.zeros(0)), rejected, daily, weekly, finding, sensors, cost
+            end,
+            points,
+            series.get(POWER, np.zeros(0)),
+            rejected,
+            daily,
+            weekly,
+            finding,
+            sensors,
+            cost,
+            kept=self._kept,
+            seen=self._seen,
         )
 
     def _close_weeks(self, end: int) -> DriftVerdict | None:
@@ -222,16 +243,40 @@ class ChillerMonitor:
         return drift.update(stop, x, cov)
 
     def _finding(
-        self, weekly: DriftVerdict | None, daily: Mapping[str, DailyVerdict]
+        self, end: int, weekly: DriftVerdict | None, daily: Mapping[str, DailyVerdict]
     ) -> tuple[Finding | None, SensorCheck | None]:
-        if weekly is None or not weekly.alarm or weekly.isolation is None or weekly.onset is None:
+        """The parameter drift's words stand until the next week; without one, those of the daily charts."""
+        alarmed = {k: v for k, v in daily.items() if v.alarm and v.onset is not None}
+        if weekly is not None:
+            self._standing = None
+            if weekly.isolation is not None and weekly.onset is not None:
+                sensors = self._balance_since(weekly.onset)
+                sides = {k: self._mean_since(k, v) for k, v in alarmed.items() if k != POWER}
+                self._standing = diagnose(weekly.isolation, _date(weekly.onset), sensors, sides)
+                return self._standing, sensors
+        if self._standing is not None:
+            return self._standing, None
+        if not alarmed:
             return None, None
+        onset = min(int(v.onset or end) for v in alarmed.values())
+        sensors = self._balance_since(onset)
+        changes = tuple(DailyChange(k, self._mean_since(k, v), _date(int(v.onset or end))) for k, v in alarmed.items())
+        return diagnose_daily(changes, POWER, sensors), sensors
+
+    def _since(self, onset: int) -> SteadyPoints:
+        return join([p for p in self._points if len(p) and p.time[-1] > onset])
+
+    def _balance_since(self, onset: int) -> SensorCheck:
         assert self.baseline is not None
-        recent = [p.balance for p in self._points if len(p) and p.time[-1] > weekly.onset]
-        sensors = check_balance(self.baseline.balance, np.concatenate(recent) if recent else np.zeros(0))
-        sides = {k: v.value for k, v in daily.items() if k != POWER and v.alarm}
-        since = str(np.datetime64(weekly.onset, "ns").astype("datetime64[D]"))
-        return diagnose(weekly.isolation, since, sensors, sides), sensors
+        return check_balance(self.baseline.balance, self._since(onset).balance)
+
+    def _mean_since(self, series: str, verdict: DailyVerdict) -> float:
+        """Median change of a series since its chart's onset, as far as points are kept."""
+        assert self.baseline is not None
+        points = self._since(int(verdict.onset or 0))
+        change = self.baseline.series(points, self.config).get(series, np.zeros(0)) if len(points) else np.zeros(0)
+        change = change[np.isfinite(change)]
+        return float(np.median(change)) - self.baseline.references[series].mean if len(change) else verdict.value
 
     def _cost(self, end: int) -> ExtraCost | None:
         assert self.baseline is not None
@@ -265,6 +310,9 @@ class ChillerMonitor:
             "daily": {k: m.export_state() for k, m in self._daily.items()},
             "drift": None if self._drift is None else self._drift.export_state(),
             "last_week": self._last_week,
+            "standing": None if self._standing is None else asdict(self._standing),
+            "kept": self._kept,
+            "seen": self._seen,
         }
 
     def restore_state(self, state: JsonObject) -> None:
@@ -290,6 +338,13 @@ class ChillerMonitor:
         if self._drift is not None and state["drift"] is not None:
             self._drift.restore_state(state["drift"])
         self._last_week = int(state["last_week"])
+        f = state["standing"]
+        self._standing = None if f is None else Finding(**{**f, "checks": tuple(f["checks"])})
+        self._kept, self._seen = int(state["kept"]), int(state["seen"])
+
+
+def _date(time: int) -> str:
+    return str(np.datetime64(time, "ns").astype("datetime64[D]"))
 
 
 def join(parts: list[SteadyPoints]) -> SteadyPoints:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fdd.chiller_eiv.baseline import POWER, ChillerBaseline, learn_baseline
 from fdd.chiller_eiv.calibration import Calibration, calibrate_errors
-from fdd.chiller_eiv.checks import Finding, SensorCheck, check_balance, diagnose
+from fdd.chiller_eiv.checks import DailyChange, Finding, SensorCheck, check_balance, diagnose, diagnose_daily
 from fdd.chiller_eiv.config import ChillerConfig
 from fdd.chiller_eiv.cost import ExtraCost, extra_cost
 from fdd.chiller_eiv.drift import WEEK, DriftMonitor, DriftVerdict
@@ -57,7 +57,7 @@ class StudyResult:
     daily : verdicts of each daily chart, baseline days included
     weekly : verdicts of the parameter charts after the baseline
     residual : relative power residual of every point, shape (n,)
-    finding : words for a parameter drift in alarm at the end
+    finding : words for what is in alarm at the end
     sensors : heat-balance check of the points after the baseline
     cost : extra consumption over the last four weeks, after the baseline
     verdict : the study in one paragraph
@@ -176,10 +176,22 @@ def _finding(
         return None, None
     last = weekly[-1] if weekly else None
     if last is None or last.isolation is None or last.onset is None:
-        return None, check_balance(baseline.balance, later.balance)
+        sensors = check_balance(baseline.balance, later.balance)
+        changes = tuple(
+            DailyChange(k, _change(vs), date_of(vs[-1].onset))
+            for k, vs in daily.items()
+            if vs and vs[-1].alarm and vs[-1].onset is not None
+        )
+        return (diagnose_daily(changes, POWER, sensors) if changes else None), sensors
     sensors = check_balance(baseline.balance, later.balance[later.time > last.onset])
     sides = {k: v[-1].value for k, v in daily.items() if k != POWER and v and v[-1].alarm}
     return diagnose(last.isolation, date_of(last.onset), sensors, sides), sensors
+
+
+def _change(verdicts: tuple[DailyVerdict, ...]) -> float:
+    """Median of a daily series since its onset."""
+    onset = verdicts[-1].onset
+    return float(np.median([v.value for v in verdicts if onset is None or v.time > onset]))
 
 
 def _cost(later: SteadyPoints, data: ChillerData, baseline: ChillerBaseline, config: ChillerConfig) -> ExtraCost | None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fdd.chiller_eiv.baseline import POWER, ChillerBaseline
-from fdd.chiller_eiv.checks import check_balance, diagnose
+from fdd.chiller_eiv.checks import DailyChange, check_balance, diagnose, diagnose_daily
 from fdd.chiller_eiv.config import ChillerConfig
 from fdd.chiller_eiv.cost import extra_cost
 from fdd.chiller_eiv.drift import Isolation
@@ -17,10 +17,12 @@ from fdd.chiller_eiv.forms import DIVISION_FREE
 from fdd.chiller_eiv.model import ChillerError
 from fdd.chiller_eiv.online import ChillerMonitor, ChillerOutputs
 from fdd.chiller_eiv.power_residual import DAY, DailyMonitor, Reference, daily_medians, fit_power_model, learn_reference
+from fdd.chiller_eiv.rows import output_rows
 from fdd.chiller_eiv.simulate import LAB_CHILLER, design, operate, raw_week
 from fdd.chiller_eiv.steady_state import SteadyLimits
 from fdd.chiller_eiv.study import ChillerData, StudyResult, study
 from fdd.chiller_eiv.study_report import write_html
+from fdd.records import Rows
 
 PERIOD = 900 * 10**9
 BASE, DAYS = 70, 126
@@ -241,3 +243,43 @@ def test_online_reports_the_power_residual_of_each_point(outputs: list[ChillerOu
     assert watched
     for o in watched:
         assert len(o.residual) == len(o.points)
+
+
+def test_rows_fit_the_stores_schema(outputs: list[ChillerOutputs], data: ChillerData) -> None:
+    monitor = ChillerMonitor(CONFIG)
+    rows: list[Rows] = []
+    for o in replay(data, monitor, 0, len(data.time)):
+        rows += output_rows(monitor, o)
+    seen = {r.measurement for r in rows}
+    assert seen == {"gates", "charts", "parameters", "predictions"}
+    keys = [(r.measurement, r.names[0], int(t)) for r in rows for t in r.time]
+    assert len(set(keys)) == len(keys)
+    names = {r.names[0] for r in rows}
+    assert {
+        "lab/steady",
+        "lab/power",
+        "lab/power:daily",
+        "lab/R:weekly",
+        "lab/R",
+        "lab/condenser_approach:daily",
+    } <= names
+    for r in rows:
+        assert all(len(v) == len(r) for v in r.fields.values())
+    last = [r for r in rows if r.names == ("lab/R",)][-1]
+    assert last.fields["lower"][0] < last.fields["value"][0] < last.fields["upper"][0]
+    assert last.fields["value"][0] == pytest.approx(1.25 * LAB_CHILLER.R, rel=0.05)
+
+
+def test_a_machine_without_parameters_still_gets_words() -> None:
+    quiet = check_balance(np.zeros(0), np.zeros(0))
+    finding = diagnose_daily((DailyChange(POWER, 0.052, "2025-03-03"),), POWER, quiet)
+    assert finding.sentence.startswith("takes 5.2 % more power at given load and temperatures since 2025-03-03")
+    charge = diagnose_daily((DailyChange("subcooling", -1.5, "2025-03-03"),), POWER, quiet)
+    assert charge.checks[0] == "refrigerant charge"
+    assert "down 1.50 K" in charge.sentence
+
+
+def test_the_power_alarm_stands_with_words_before_the_week_closes(outputs: list[ChillerOutputs]) -> None:
+    alarmed = [o for o in outputs if o.alarm]
+    assert alarmed
+    assert all(o.finding is not None for o in alarmed)
