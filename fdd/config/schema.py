@@ -97,7 +97,9 @@ class ParameterSpec(Strict):
 class Charts(Strict):
     """Which charts watch a component; empty means all that apply."""
 
-    kinds: tuple[str, ...] = Field(default=(), description="kinds of chart; empty means all that apply")
+    kinds: tuple[Literal["cusum", "score"], ...] = Field(
+        default=(), description="kinds of chart, cusum (innovations) or score (parameters); empty means both"
+    )
     exclude: tuple[str, ...] = Field(default=(), description="parameters or outputs that get no chart")
 
 
@@ -167,7 +169,6 @@ class Site(Strict):
     )
     hold: DurationOrZero = Field(default=0.0, description="how long a point's last value stands in for a missing one")
     false_alarms_per_year: float = Field(default=1.0, gt=0, description="false alarms a year, for the whole plant")
-    learning: DurationOrZero = Field(default=0.0, description="time after a new baseline before charts judge")
     tariffs: Tariffs = Field(default=Tariffs(), description="prices")
     store: Store = Field(default=SqliteStore(), description="where results are kept")
     sources: tuple[SerializeAsAny[SourceOptions], ...] = Field(default=(), description="where samples come from")

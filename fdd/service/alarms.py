@@ -67,11 +67,14 @@ class AlarmBook:
     """All open alarms of a site, and the rules of their life.
 
     ``reads`` maps each component to the points its filter takes as inputs: an alarm whose component reads a point that
-    another open alarm suspects is that alarm's consequence.
+    another open alarm suspects is that alarm's consequence. ``upstream`` maps a component to those whose alarms explain
+    its own.
     """
 
-    def __init__(self, reads: Mapping[str, frozenset[str]]) -> None:
-        self._reads = reads
+    def __init__(
+        self, reads: Mapping[str, frozenset[str]], upstream: Mapping[str, frozenset[str]] | None = None
+    ) -> None:
+        self._reads, self._upstream = reads, upstream or {}
         self._open: dict[str, Alarm] = {}
 
     @property
@@ -183,12 +186,20 @@ class AlarmBook:
             for victim in tuple(self._open.values()):
                 if component not in (source.component, victim.component) or source.component == victim.component:
                     continue
-                shared = self._reads.get(victim.component, frozenset()) & set(source.evidence["points"])
-                if not shared or victim.state is not AlarmState.RAISED or source.state is AlarmState.SUPPRESSED:
+                why = self._explains(source, victim)
+                if not why or victim.state is not AlarmState.RAISED or source.state is AlarmState.SUPPRESSED:
                     continue
-                why = f"it reads {', '.join(sorted(shared))}, which alarm {source.key} suspects"
                 victim = replace(victim, evidence={**victim.evidence, "caused_by": source.key})
                 changed[victim.component] = self._move(victim, AlarmState.SUPPRESSED, time, "service", why)
+
+    def _explains(self, source: Alarm, victim: Alarm) -> str:
+        """Why one alarm may be the consequence of another; empty where it is not."""
+        shared = self._reads.get(victim.component, frozenset()) & set(source.evidence["points"])
+        if shared:
+            return f"it reads {', '.join(sorted(shared))}, which alarm {source.key} suspects"
+        if source.component in self._upstream.get(victim.component, ()):
+            return f"{source.component} is upstream and has alarm {source.key}"
+        return ""
 
     def _move(self, alarm: Alarm, state: AlarmState, time: int, actor: str, comment: str) -> Alarm:
         entry = _entry(time, state, actor, comment)

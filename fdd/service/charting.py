@@ -21,7 +21,7 @@ from fdd.residual_monitors.chart import Phase, Verdicts
 from fdd.residual_monitors.cusum import Cusum
 from fdd.residual_monitors.score import Score
 from fdd.service.filters import FilterGroup, GroupStep
-from fdd.service.plan import Plan
+from fdd.service.plan import Component, Plan
 
 BoolArray = NDArray[np.bool_]
 # An innovation of so many standard deviations is a broken signal and says nothing of a parameter.
@@ -85,12 +85,15 @@ class InnovationCharts:
             for g in groups
             for c in g.components
             for q, point in zip(g.model.outputs, c.outputs, strict=True)
+            if c.carries("cusum", q.symbol)
         )
+        carried = [c.carries("cusum", q.symbol) for g in groups for c in g.components for q in g.model.outputs]
+        self._carried = np.flatnonzero(carried)
         self._chart = Cusum.design([arl[s.component] for s in self.streams])
 
     def update(self, steps: Sequence[GroupStep]) -> Verdicts:
         """Feed the standardised innovations."""
-        return self._chart.update(np.concatenate([s.standardised.ravel() for s in steps]))
+        return self._chart.update(np.concatenate([s.standardised.ravel() for s in steps])[self._carried])
 
     def reset(self, which: BoolArray) -> None:
         """Start these streams again."""
@@ -128,7 +131,12 @@ class ScoreCharts:
         open_ = [
             {*b.diagnostics.get("unidentifiable", ()), *b.diagnostics.get("at_bound", ())} for b in group.baselines
         ]
-        self._told = np.array([[s not in left for s in self._symbols] for left in open_])
+        self._told = np.array(
+            [
+                [s not in left and c.carries("score", s) for s in self._symbols]
+                for c, left in zip(group.components, open_, strict=True)
+            ]
+        )
         self._chart = Score.design(
             wanted,
             parameters=len(self._symbols),
@@ -254,7 +262,7 @@ class Charts:
 
 def _budget(plan: Plan, groups: Sequence[FilterGroup]) -> dict[str, float]:
     """Mean number of frames between false alarms for each of a component's charts."""
-    components = [(c, _charts_in(g)) for g in groups for c in g.components]
+    components = [(c, _charts_of(g, c)) for g in groups for c in g.components]
     weights = [c.weight / n for c, n in components for _ in range(n)]
     if not weights:
         return {}
@@ -263,5 +271,8 @@ def _budget(plan: Plan, groups: Sequence[FilterGroup]) -> dict[str, float]:
     return {c.name: float(each[i]) for (c, _), i in zip(components, starts, strict=True)}
 
 
-def _charts_in(group: FilterGroup) -> int:
-    return len(group.model.outputs) + sum(p.kind == "physical" for p in group.model.parameters)
+def _charts_of(group: FilterGroup, component: Component) -> int:
+    """How many charts share a component's budget; at least one, so that a component without charts divides nothing."""
+    outputs = sum(component.carries("cusum", q.symbol) for q in group.model.outputs)
+    parameters = sum(p.kind == "physical" and component.carries("score", p.symbol) for p in group.model.parameters)
+    return max(1, outputs + parameters)

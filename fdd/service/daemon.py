@@ -11,9 +11,10 @@ from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
 import structlog
 
-from fdd.records import Batch, JsonObject
+from fdd.records import Batch, JsonObject, Rows
 from fdd.service.alarms import AlarmError, Command, alarm_to_document
 from fdd.service.checkpoint import Checkpoint
 from fdd.service.engine import Engine, Outputs
@@ -52,6 +53,7 @@ class Daemon:
         self._commanded = ""
         self._unsaved = 0
         self._polled = 0.0
+        self._feed: Feed | None = None
         self.samples = 0
         self.frames = 0
 
@@ -75,6 +77,7 @@ class Daemon:
 
     def run(self, feed: Feed) -> None:
         """Take batches until the sources end or are stopped."""
+        self._feed = feed
         for batch in feed.batches():
             if len(batch) or batch.position != self._position:
                 self._checkpoint.journal(batch)
@@ -91,7 +94,8 @@ class Daemon:
         self.save()
 
     def save(self) -> None:
-        """Save the state with the source's position; the journal starts afresh."""
+        """Save the state with the source's position; the journal starts afresh. Counts go to the store."""
+        self._store_counts()
         self._checkpoint.save(
             {
                 "engine": self.engine.export_state(),
@@ -102,6 +106,25 @@ class Daemon:
             }
         )
         self._unsaved = 0
+
+    def _store_counts(self) -> None:
+        counts = self.engine.counts | (self._feed.counters() if self._feed else {})
+        if self.engine.time is None:
+            return
+        names = tuple(f"engine/{reason}" for reason in counts)
+        n = len(names)
+        self._store.write(
+            Rows(
+                measurement="counts",
+                names=names,
+                series=np.arange(n, dtype=np.int32),
+                time=np.full(n, self.engine.time, dtype=np.int64),
+                fields={"value": np.array(list(counts.values()), dtype=np.float64)},
+            )
+        )
+        self._store.put(
+            "run", "daemon", {"key": "daemon", "samples": self.samples, "frames": self.frames, "time": self.engine.time}
+        )
 
     def _take(self, batch: Batch) -> None:
         outputs = self.engine.step(batch)

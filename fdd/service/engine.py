@@ -45,7 +45,9 @@ class Engine:
         self._framer = Framer(plan.points, plan.step, plan.lateness, plan.max_jump)
         self._groups = _group(plan, baselines)
         self._charts = Charts(plan, self._groups)
-        self.alarms = AlarmBook({c.name: frozenset(c.inputs) for c in plan.components})
+        self.alarms = AlarmBook(
+            {c.name: frozenset(c.inputs) for c in plan.components}, {c.name: c.upstream for c in plan.components}
+        )
         self._components = {c.name: c for c in plan.components}
         self._outputs = tuple(
             f"{c.name}/{q.symbol}" for g in self._groups for c in g.components for q in g.model.outputs

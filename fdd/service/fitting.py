@@ -123,8 +123,8 @@ def warnings_of(baseline: Baseline, result: FitResult) -> tuple[str, ...]:
     for symbol, s in baseline.innovation.items():
         if abs(s["lag1"]) > chance(s["samples"]):
             found.append(
-                f"{symbol}: innovations are not white (lag-one autocorrelation {s['lag1']:+.2f}): the model misses part "
-                "of the dynamics; the colour is taken out before they are charted, so that faults show later and smaller"
+                f"{symbol}: innovations are not white (lag-one autocorrelation {s['lag1']:+.2f}): the model misses "
+                "part of the dynamics; the colour is taken out before they are charted, and faults show later"
             )
     loose = {k: v for k, v in baseline.diagnostics.get("score_spread", {}).items() if v > LOOSE}
     if loose:

@@ -29,7 +29,9 @@ class Component:
     """One piece of equipment under a filter.
 
     ``inputs`` and ``outputs`` are point names in the order of the model; ``when`` names the column of its gate, which
-    is 1 while the machine may be judged; ``start_up`` is how long its charts rest after a start [ns].
+    is 1 while the machine may be judged; ``start_up`` is how long its charts rest after a start [ns]. ``upstream`` has
+    components whose alarm explains this one's; ``charts`` the kinds that watch it (empty: all), ``exclude`` the outputs
+    and parameters that get none.
     """
 
     name: str
@@ -39,6 +41,13 @@ class Component:
     when: str | None = None
     start_up: int = 0
     weight: float = 1.0
+    upstream: frozenset[str] = frozenset()
+    charts: frozenset[str] = frozenset()
+    exclude: frozenset[str] = frozenset()
+
+    def carries(self, kind: str, symbol: str) -> bool:
+        """Whether a chart of this kind watches this output or parameter."""
+        return (not self.charts or kind in self.charts) and symbol not in self.exclude
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +98,9 @@ def plan_of(site: Site) -> Plan:
                 when=when,
                 start_up=_nanoseconds(equipment.start_up),
                 weight=equipment.weight,
+                upstream=frozenset(equipment.upstream),
+                charts=frozenset(equipment.charts.kinds),
+                exclude=frozenset(equipment.charts.exclude),
             )
         )
     return Plan(
