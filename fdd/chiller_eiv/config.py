@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
+from typing import Any, Literal
 
 from fdd.chiller_eiv.drift import DriftOptions
-from fdd.chiller_eiv.errors import RAW_UNITS, Instrumentation
+from fdd.chiller_eiv.errors import RAW_UNITS, Instrumentation, SensorError
 from fdd.chiller_eiv.fit import FitOptions, Prior
 from fdd.chiller_eiv.forms import (
     DIVISION_FREE,
@@ -98,3 +99,49 @@ class ChillerConfig:
         if self.speed == "measured":
             need.append("speed")
         return tuple(k for k in RAW_UNITS if k in need)
+
+
+_INSTRUMENT_KEYS = tuple(f.name for f in fields(Instrumentation) if f.name != "errors")
+
+
+def config_of_table(name: str, table: Mapping[str, Any]) -> ChillerConfig:
+    """A chiller's declaration from a plain table, as a site file has it; SI units.
+
+    Parameters
+    ----------
+    name : of the chiller
+    table : ``rated_load``; ``errors``: quantity to ``{random, relative, slow}``; the other fields of
+        :class:`errors.Instrumentation` and of :class:`ChillerConfig` by name; ``steady``, ``gate``, ``drift`` and
+        ``priors`` as tables of their fields
+
+    Raises
+    ------
+    ChillerError : an unknown or missing key, with the nearest known one
+    """
+    own = {f.name for f in fields(ChillerConfig)} - {"name", "instruments"}
+    _refuse_unknown(f"chiller {name!r}", table, {*own, *_INSTRUMENT_KEYS, "errors"})
+    for key in ("rated_load", "errors"):
+        if key not in table:
+            raise ChillerError(f"chiller {name!r} lacks {key!r}; give it in SI units")
+    errors = {k: _table(SensorError, f"chiller {name!r}, errors of {k}", v) for k, v in table["errors"].items()}
+    instruments = Instrumentation(errors, **{k: table[k] for k in _INSTRUMENT_KEYS if k in table})
+    values: dict[str, Any] = {k: table[k] for k in own if k in table}
+    for key, kind in (("steady", SteadyLimits), ("gate", GateLimits), ("drift", DriftOptions)):
+        if key in values:
+            values[key] = _table(kind, f"chiller {name!r}, {key}", values[key])
+    if "priors" in values:
+        values["priors"] = {k: _table(Prior, f"chiller {name!r}, prior of {k}", v) for k, v in values["priors"].items()}
+    return ChillerConfig(name=name, instruments=instruments, **values)
+
+
+def _table(kind: type[Any], where: str, values: Mapping[str, Any]) -> Any:
+    _refuse_unknown(where, values, {f.name for f in fields(kind)})
+    return kind(**values)
+
+
+def _refuse_unknown(where: str, table: Mapping[str, Any], known: set[str]) -> None:
+    for key in table:
+        if key not in known:
+            near = get_close_matches(key, sorted(known), 1)
+            hint = f"did you mean {near[0]!r}?" if near else f"known: {', '.join(sorted(known))}"
+            raise ChillerError(f"{where}: unknown key {key!r}; {hint}")

@@ -183,8 +183,8 @@ VARIABLE_FLOW = _form(
 )
 """R(V) = R + R_flow / V with V the condenser flow relative to nominal [1] as a fifth sensor.
 
-Within 0.2 % of the effectiveness form (Gordon et al. 2000) from 70 to 120 % flow, and linear. Fouling moves R, not R_flow. The correction is
-an expansion to second order here, not exact, because of 1/V; at 2 % flow error the rest is below 0.01 %.
+Within 0.2 % of the effectiveness form (Gordon et al. 2000) from 70 to 120 % flow, and linear. Fouling moves R, not
+R_flow. The correction is an expansion to second order here, not exact, because of 1/V.
 """
 
 VARIABLE_SPEED = _form(

@@ -9,7 +9,7 @@ import pytest
 
 from fdd.chiller_eiv.baseline import POWER, ChillerBaseline
 from fdd.chiller_eiv.checks import DailyChange, check_balance, diagnose, diagnose_daily
-from fdd.chiller_eiv.config import ChillerConfig
+from fdd.chiller_eiv.config import ChillerConfig, config_of_table
 from fdd.chiller_eiv.cost import extra_cost
 from fdd.chiller_eiv.drift import Isolation
 from fdd.chiller_eiv.errors import Instrumentation, SensorError
@@ -283,3 +283,47 @@ def test_the_power_alarm_stands_with_words_before_the_week_closes(outputs: list[
     alarmed = [o for o in outputs if o.alarm]
     assert alarmed
     assert all(o.finding is not None for o in alarmed)
+
+
+def test_a_table_of_plain_values_gives_the_same_declaration() -> None:
+    table = {
+        "rated_load": 10.5e3,
+        "errors": {
+            "T_cdi": {"random": 0.05},
+            "T_chi": {"random": 0.05},
+            "T_cho": {"random": 0.05},
+            "flow_ch": {"relative": 0.005},
+            "power": {"relative": 0.002},
+        },
+        "steady": {"window": 2700},
+        "baseline_days": BASE,
+        "price": 0.2,
+        "currency": "EUR",
+    }
+    assert config_of_table("lab", table) == CONFIG
+    more = config_of_table(
+        "lab",
+        {**table, "leak": 2700.0, "priors": {"R": {"lower": 0.0}}, "drift": {"false_alarms": 0.3}, "auxiliary": 200.0},
+    )
+    assert more.priors["R"].lower == 0.0
+    assert more.drift.false_alarms == 0.3
+    assert more.instruments.auxiliary == 200.0
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"rated_laod": 1.0}, "did you mean 'rated_load'"),
+        ({"steady": {"windw": 1.0}}, "did you mean 'window'"),
+        ({"errors": {"T_cdi": {"sigma": 0.1}}}, "unknown key 'sigma'"),
+        ({"errors": {"T_condenser": {"random": 0.1}}}, "unknown chiller quantity"),
+    ],
+)
+def test_a_wrong_table_is_refused_with_a_suggestion(change: dict[str, object], words: str) -> None:
+    with pytest.raises(ChillerError, match=words):
+        config_of_table("lab", {"rated_load": 1e4, "errors": {}, **change})
+
+
+def test_a_table_without_rated_load_is_refused() -> None:
+    with pytest.raises(ChillerError, match="lacks 'rated_load'"):
+        config_of_table("lab", {"errors": {}})
