@@ -84,7 +84,7 @@ def power(
     Examples
     --------
     >>> round(float(power(10e3, 303.15, 285.15, 5.518, 2723.0, 2.689e-3)), 1)
-    3809.1
+    3774.9
     """
     margin = T_chi - R * load
     if np.any(margin <= 0):

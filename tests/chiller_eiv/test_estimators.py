@@ -183,6 +183,13 @@ def test_power_sensitivities_agree_with_differences() -> None:
         np.testing.assert_allclose(gradient[:, j], (at(up) - at(down)) / (2 * h), rtol=1e-6)
 
 
+def test_power_agrees_with_a_calculation_by_hand() -> None:
+    # (303.15 x 10000 + 5.518 x 303.15 x 285.15 + 2723 x 18) / (285.15 - 26.89) - 10000
+    assert power(np.array([1e4]), np.array([303.15]), np.array([285.15]), 5.518, 2723.0, 2.689e-3)[0] == pytest.approx(
+        3774.9, abs=0.05
+    )
+
+
 @settings(deadline=None, max_examples=50)
 @given(
     load=st.floats(4e3, 12e3),
