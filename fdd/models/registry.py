@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 from typing import Any
 
+from fdd.models.air_handler import air_handler
 from fdd.models.building import building
 from fdd.models.declare import ComponentModel, ModelError
 from fdd.models.heat_exchanger import heat_exchanger
@@ -64,5 +65,5 @@ def _suggest(word: str, known: Mapping[str, Any] | tuple[str, ...]) -> str:
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
-for _factory in (radiator, heat_exchanger, building, zone):
+for _factory in (radiator, heat_exchanger, building, zone, air_handler):
     register(_factory.__name__, _factory)
