@@ -100,17 +100,19 @@ def alarms(where: str = "true") -> str:
 
 
 def count_alarms(where: str) -> str:
-    """How many alarms; nothing at all where there are none."""
-    return f'{alarms(where)}\n  |> group()\n  |> count(column: "key")\n  |> rename(columns: {{key: "_value"}})'
+    """How many alarms, zero included: a query that finds none would otherwise answer nothing."""
+    one = f'{alarms(where)}\n  |> map(fn: (r) => ({{r with _value: 1}}))\n  |> keep(columns: ["_value"])'
+    return f'import "array"\nunion(tables: [\n{one},\narray.from(rows: [{{_value: 0}}])])\n  |> sum()'
 
 
 def tag_values(measurement: str, tag: str, where: str = "") -> str:
-    """Values of a tag among the site's points, for a variable; from the last two years."""
+    """Values of a tag among the site's points in the time range, for a variable."""
     measurement_of(measurement)
     site = "" if tag == "site" else f" and r.site == {SITE}"
     more = f" and {where}" if where else ""
     return (
         'import "influxdata/influxdb/schema"\n'
         f'schema.tagValues(bucket: v.defaultBucket, tag: "{tag}", '
-        f'predicate: (r) => r._measurement == "{measurement}"{site}{more}, start: -730d)'
+        f'predicate: (r) => r._measurement == "{measurement}"{site}{more}, '
+        "start: v.timeRangeStart, stop: v.timeRangeStop)"
     )

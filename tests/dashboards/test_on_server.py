@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import subprocess
+import sys
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -21,7 +22,9 @@ from fdd.records import Rows
 from fdd.store.influx import InfluxStore
 from fdd.store.influx_setup import Plan, downsampling
 from fdd.store.schema import MEASUREMENTS, PHASES
+from fdd.store.sqlite import SqliteStore
 from fdd.store.store import StoreConfig
+from fdd.store.transfer import migrate
 from tests.dashboards.render import render
 from tests.dashboards.test_build import BOARDS, panels
 from tests.store.influxd import ORG, Influxd
@@ -91,13 +94,15 @@ class Plant:
         )
         self.store = InfluxStore(self.config)
         self.now = time.time_ns()
+        self.span: tuple[int, int] | None = None  # of the data, where that is not the present
 
     def client(self) -> InfluxDBClient:
         return InfluxDBClient(self.influxd.url, token=self.influxd.admin_token, org=ORG)
 
     def ask(self, flux: str, variables: Mapping[str, str], span: int = 6 * HOUR) -> list[dict[str, str]]:
         now = time.time_ns()
-        text = render(flux, variables, bucket=self.bucket, start=now - span, stop=now)
+        start, stop = self.span or (now - span, now)
+        text = render(flux, variables, bucket=self.bucket, start=start, stop=stop)
         with self.client() as client:
             answer = client.query_api().query_raw(text, dialect={"header": True, "annotations": []}).read().decode()
         found, header = [], []
@@ -168,6 +173,41 @@ def test_site_and_chiller_variables_offer_what_was_written(plant: Plant) -> None
     component = next(v["query"] for v in BOARDS["component"]["templating"]["list"] if v["name"] == "component")
     assert {r["_value"] for r in plant.ask(component, {"site": SITE})} == {"hx 1", "chiller"}
     assert {r["_value"] for r in plant.ask(component, {"site": "south"})} == {"pump"}
+
+
+def test_dashboards_show_what_the_demo_wrote(plant: Plant, tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        "-c",
+        "from fdd.cli import main; main()",
+        "demo",
+        "--weeks",
+        "2",
+        "--folder",
+        str(tmp_path),
+        "--json",
+    ]
+    demo = json.loads(subprocess.run(command, capture_output=True, text=True, check=True, timeout=600).stdout)
+    source = SqliteStore(tmp_path / "demo.sqlite", read_only=True)
+    migrate(source, plant.store)
+    times = source.read("charts")["time"]
+    plant.span = (int(times.min()), int(times.max()) + 1)
+    for name in ("plant", "component", "alarms"):
+        sets = [
+            s for s in variable_sets(plant, name) if s["resolution" if name != "alarms" else "site"] in ("raw", SITE)
+        ]
+        chosen = next(s for s in sets if s.get("component", demo["faulty_component"]) == demo["faulty_component"])
+        for panel in panels(BOARDS[name]):
+            assert plant.ask(panel["targets"][0]["query"], chosen), f"{name}: {panel['title']} is empty"
+    listed = plant.ask(
+        next(p for p in panels(BOARDS["alarms"]) if p["type"] == "table")["targets"][0]["query"], {"site": SITE}
+    )
+    assert [r["component"] for r in listed] == demo["components_alarmed"]
+
+
+def test_counts_are_zero_where_there_is_no_alarm(plant: Plant) -> None:
+    chart_rows(plant, [2], 1)
+    assert [r["_value"] for r in panel_rows(plant, "plant", "Open alarms")] == ["0"]
 
 
 def panel_rows(plant: Plant, board: str, title: str) -> list[dict[str, str]]:
