@@ -125,7 +125,7 @@ def _steps(t: FloatArray) -> FloatArray:
 def _matrix(a: ArrayLike, rows: int) -> FloatArray:
     out = np.asarray(a, dtype=np.float64)
     if out.ndim == 1:
-        out = out.reshape(rows, -1) if out.size else np.zeros((rows, 0))
+        out = out.reshape(-1, 1) if out.size else np.zeros((rows, 0))
     return np.ascontiguousarray(out)
 
 

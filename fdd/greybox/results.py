@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,14 @@ from scipy import stats
 from fdd.greybox.likelihood import Data, FilterPath, Likelihood, chain
 from fdd.models.declare import ComponentModel
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 FloatArray = NDArray[np.float64]
 SCHEMA = 1
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Trial:
     """One search: from where, to where, how good (negative log posterior)."""
 
@@ -170,6 +173,12 @@ class FitResult:
             out[q.symbol] = (from_scale(q, theta - z * s), from_scale(q, theta + z * s))
         return out
 
+    def prior_objects(self) -> dict[str, Any]:
+        """The priors of the fit, ready for another."""
+        from fdd.greybox.fit import Prior
+
+        return {k: Prior(*v) for k, v in self.priors.items()}
+
     # Text
     def summary(self) -> str:
         """A table of the estimates and what to know about them."""
@@ -288,6 +297,40 @@ class FitResult:
     def paths(self, data: Data | None = None) -> list[FilterPath]:
         """Predictions, innovations and states at the estimates, a record each; on other data where given."""
         return self._likelihood(data).paths(self.values)
+
+    def predict(self, k: int = 1, data: Data | None = None) -> FloatArray:
+        """Outputs predicted k samples ahead, (N, n_y); see :func:`fdd.greybox.simulate.predict`."""
+        from fdd.greybox.simulate import predict
+
+        return predict(self, k, data)
+
+    def simulate(self, data: Data | None = None) -> FloatArray:
+        """Outputs from start value and inputs alone, (N, n_y)."""
+        from fdd.greybox.simulate import simulate
+
+        return simulate(self, data)
+
+    def smooth(self, data: Data | None = None) -> tuple[FloatArray, FloatArray]:
+        """Smoothed states (N, n) and covariances (N, n, n)."""
+        from fdd.greybox.simulate import smooth
+
+        return smooth(self, data)
+
+    def plot_diagnostics(self, data: Data | None = None) -> Figure:
+        """One page of plots of the validation tests, a matplotlib figure."""
+        from fdd.greybox.plots import diagnostics
+        from fdd.greybox.validate import validate
+
+        return diagnostics(validate(self, data))
+
+    def trials_table(self) -> str:
+        """The optima of all searches, best first."""
+        rows = sorted(enumerate(self.trials, 1), key=lambda row: row[1].value)
+        head = f"{'search':>7}{'neg. log-lik.':>18}{'above best':>13}{'evaluations':>13}  ended"
+        return "\n".join([head] + [
+            f"{i:>7}{t.value:>18.6f}{t.value - rows[0][1].value:>13.4f}{t.evaluations:>13}  {t.reason}"
+            for i, t in rows
+        ])  # fmt: skip
 
     def _model(self) -> ComponentModel:
         if self.model is None:

@@ -1,0 +1,126 @@
+"""What a fitted model says: k-step predictions, simulations without measurements, smoothed states."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from types import SimpleNamespace as Space
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.greybox.kernels import kernel
+from fdd.greybox.likelihood import Data
+from fdd.greybox.results import FitResult
+from fdd.models.declare import ComponentModel
+
+FloatArray = NDArray[np.float64]
+
+
+def simulate(result: FitResult, data: Data | None = None) -> FloatArray:
+    """Outputs (N, n_y) from the start value and the inputs alone: nothing measured after the first sample is used."""
+    d = data if data is not None else result._likelihood().records[0]
+    y = d.y.copy()
+    y[1:] = np.nan
+    free = dataclasses.replace(d, y=y)
+    return result._likelihood(free).paths(result.values)[0].predicted
+
+
+def predict(result: FitResult, k: int, data: Data | None = None) -> FloatArray:
+    """Outputs (N, n_y) predicted ``k`` samples ahead: row i uses measurements up to row i - k, inputs up to row i.
+
+    The first k rows are NaN.
+    """
+    d = data if data is not None else result._likelihood().records[0]
+    if not 1 <= k < len(d):
+        raise ValueError(f"cannot predict {k} samples ahead in a record of {len(d)}; give 1 <= k < {len(d)}")
+    model = result._model()
+    path = result.paths(d)[0]
+    if k == 1:
+        out = path.predicted.copy()
+        out[0] = np.nan
+        return out
+    kern = kernel(model, hold=d.hold)
+    c, w, n = kern.constants(), kern.workspace(), kern.layout.n
+    rows, columns = np.triu_indices(n)
+    out, shown, nothing = np.full_like(d.y, np.nan), np.empty(4 * d.y.shape[1]), np.full(d.y.shape[1], np.nan)
+    with np.errstate(all="ignore"):
+        kern.module.prepare(result.values, c)
+        for i in range(len(d) - k):
+            w[:n] = path.xf[i]
+            w[n : kern.layout.nz] = path.Pf[i][rows, columns]
+            for s in range(i, i + k):
+                kern.module.predict(w, c, d.dt[s], d.u[s], d.u[s + 1], 0)
+            kern.module.update(w, c, d.u[i + k], nothing, shown)
+            out[i + k] = shown[: d.y.shape[1]]
+    return out
+
+
+def smooth(result: FitResult, data: Data | None = None) -> tuple[FloatArray, FloatArray]:
+    """Smoothed states (N, n) and covariances (N, n, n): every state given the whole record.
+
+    Rauch, Tung and Striebel (1965) on the filter's moments; the transition matrix of each step is that of the tangent
+    of the prediction, found by central differences of the kernel itself.
+    """
+    d = data if data is not None else result._likelihood().records[0]
+    path = result.paths(d)[0]
+    xs, Ps = path.xf.copy(), path.Pf.copy()
+    for i in range(len(d) - 2, -1, -1):
+        F = _transition(result, d, i, path.xf[i], path.Pf[i])
+        G = np.linalg.lstsq(path.P[i + 1].T, F @ path.Pf[i].T, rcond=None)[0].T
+        xs[i] = path.xf[i] + G @ (xs[i + 1] - path.x[i + 1])
+        Ps[i] = path.Pf[i] + G @ (Ps[i + 1] - path.P[i + 1]) @ G.T
+    return xs, Ps
+
+
+def _transition(result: FitResult, d: Data, i: int, x: FloatArray, P: FloatArray) -> FloatArray:
+    kern = kernel(result._model(), hold=d.hold)
+    c, n = kern.constants(), kern.layout.n
+    rows, columns = np.triu_indices(n)
+    kern.module.prepare(result.values, c)
+    out = np.empty((n, n))
+    h = 1e-5 * np.maximum(1.0, np.abs(x))
+    for j in range(n):
+        ends = []
+        for sign in (1, -1):
+            w = kern.workspace()
+            w[:n], w[n : kern.layout.nz] = x, P[rows, columns]
+            w[j] += sign * h[j]
+            kern.module.predict(w, c, d.dt[i], d.u[i], d.u[i + 1], 0)
+            ends.append(w[:n].copy())
+        out[:, j] = (ends[0] - ends[1]) / (2 * h[j])
+    return out
+
+
+def realise(model: ComponentModel, values: FloatArray, data: Data, seed: int, substeps: int = 20) -> Data:
+    """The record with outputs drawn from the model itself (process and measurement noise), at its own times and inputs.
+
+    Euler-Maruyama with ``substeps`` steps a sample, parameters (n_p,) natural; for Monte Carlo tests of fits and for
+    the design of experiments.
+    """
+    random, names = np.random.default_rng(seed), model.symbols
+    p = Space(**dict(zip(names["parameters"], values, strict=True)))
+
+    def of(table: str, row: FloatArray) -> Space:
+        return Space(**dict(zip(names[table], row, strict=True)))
+
+    def rows(table: str, result: Mapping[str, Any]) -> FloatArray:
+        return np.array([float(result[s]) for s in names[table]])
+
+    u = of("inputs", data.u[0])
+    x = rows("states", model.start(of("outputs", data.y[0]), u, p)) if data.x0 is None else data.x0.copy()
+    P0 = np.diag([s.initial_sd**2 for s in model.states]) if data.P0 is None else data.P0
+    x = x + random.multivariate_normal(np.zeros(len(x)), P0)
+    y = np.empty_like(data.y)
+    for k in range(len(data)):
+        u, at = of("inputs", data.u[k]), of("states", x)
+        r = rows("outputs", model.noise(at, u, p))
+        y[k] = rows("outputs", model.observe(at, u, p)) + r * random.normal(size=len(r))
+        dt = data.dt[k] / substeps if k < len(data) - 1 else 0.0
+        for _ in range(substeps if dt else 0):
+            at = of("states", x)
+            g = rows("states", model.diffusion(at, u, p))
+            x = x + rows("states", model.drift(at, u, p)) * dt + g * np.sqrt(dt) * random.normal(size=len(x))
+    y[~np.isfinite(data.y)] = np.nan
+    return dataclasses.replace(data, y=y)

@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fdd.greybox.fit import fit
+from fdd.greybox.likelihood import Data
+from fdd.greybox.plots import html
+from fdd.greybox.results import FitResult
+from fdd.greybox.simulate import realise
+from fdd.greybox.validate import (
+    autocorrelation,
+    cumulated_periodogram,
+    kolmogorov_band,
+    lag_dependence,
+    propagated_sd,
+    time_constants,
+    validate,
+)  # fmt: skip
+from tests.greybox import problems
+from tests.greybox.records import ou1d
+
+TRUE = np.array([5.0, 3.0, 0.2, -1.5])
+
+
+def simulated(seed: int, n: int = 800) -> Data:
+    t = np.arange(n) * 0.1
+    return realise(problems.ou1d(), TRUE, Data(t, np.sin(t * 0.7)[:, None], np.zeros((n, 1))), seed)
+
+
+@pytest.fixture(scope="module")
+def good() -> FitResult:
+    return fit(problems.ou1d(), simulated(3))
+
+
+def test_a_model_that_holds_passes_everything(good: FitResult) -> None:
+    v = validate(good, other=simulated(4))
+    assert v.passed, v.table()
+    tests = {w.test for w in v.verdicts}
+    assert {"autocorrelation", "Ljung-Box", "cumulated periodogram", "lag dependence", "residual against", "normality",
+            "variance", "cross-validation", "time constant"} <= tests  # fmt: skip
+
+
+def test_a_forgotten_input_shows_against_that_input(good: FitResult) -> None:
+    blind = dataclasses.replace(problems.ou1d(), drift=lambda x, u, p: {"x": p.th * (p.mu - x.x)})
+    v = validate(fit(blind, simulated(3)))
+    failed = {(w.test, w.about) for w in v.verdicts if not w.passed}
+    assert ("residual against", "y / u") in failed
+
+
+def test_too_simple_a_model_is_not_white() -> None:
+    """A second-order process fitted with a first-order model."""
+    t = np.arange(1500) * 0.1
+    d = realise(problems.ou2d(), np.array([0.7, 3.0, 0.2, 0.3, -3.0, -3.0, -2.5]),
+                Data(t, np.sin(t)[:, None], np.zeros((1500, 2))), 5)  # fmt: skip
+    v = validate(fit(problems.ou1d(), dataclasses.replace(d, y=d.y[:, 1:])))
+    failed = {w.test for w in v.verdicts if not w.passed}
+    assert {"autocorrelation", "Ljung-Box"} <= failed
+
+
+def test_autocorrelation_is_that_of_statsmodels() -> None:
+    from statsmodels.tsa.stattools import acf
+
+    z = np.random.default_rng(0).normal(size=500)
+    # statsmodels divides every lag by N, here each mean has its own number of products.
+    np.testing.assert_allclose(autocorrelation(z, 10), acf(z, nlags=10, adjusted=True), atol=1e-12)
+
+
+def test_periodogram_band_holds_its_level() -> None:
+    random, outside = np.random.default_rng(1), 0
+    for _ in range(600):
+        f, c = cumulated_periodogram(random.normal(size=401))
+        outside += np.abs(c - f / f[-1]).max() > kolmogorov_band(401, 0.05)
+    # The band is asymptotic and a little wide; 5 % of 600 is 30 with a standard error of 5.3.
+    assert 8 <= outside <= 46
+
+
+def test_lag_dependence_sees_what_the_autocorrelation_does_not() -> None:
+    random = np.random.default_rng(2)
+    parabola = np.empty(4000)
+    parabola[0] = 0.1
+    for k in range(1, 4000):
+        parabola[k] = 1 - 2 * parabola[k - 1] ** 2  # deterministic, uncorrelated
+    assert abs(autocorrelation(parabola, 1)[1]) < 0.05
+    assert lag_dependence(parabola, 3)[0] > 0.9
+    assert np.abs(lag_dependence(random.normal(size=4000), 5)).max() < 0.1
+
+
+def test_measurement_errors_propagate_through_the_predictor(good: FitResult) -> None:
+    """With an error on the output alone: e_k + gain-weighted older ones; never less than the error itself."""
+    sd = propagated_sd(good, simulated(3), {"y": 0.2})[0]
+    assert 0.2 < sd < 0.2 * np.sqrt(2)
+    assert propagated_sd(good, simulated(3), {"u": 0.2})[0] > 0
+
+
+def test_time_constant_is_one_over_the_rate(good: FitResult) -> None:
+    assert time_constants(good, simulated(3)) == pytest.approx([1 / good.params["th"]], rel=1e-6)
+
+
+def test_page_is_one_file_with_every_verdict(good: FitResult) -> None:
+    page = html(validate(good))
+    assert page.count("<tr") == len(validate(good).verdicts) + 1
+    assert "data:image/png;base64" in page
+    assert "http" not in page
+
+
+def test_real_reference_record_validates_against_itself() -> None:
+    v = validate(fit(problems.ou1d(), ou1d()))
+    assert v.to_dict()["verdicts"][0]["about"] == "y"
