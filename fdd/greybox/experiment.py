@@ -100,7 +100,7 @@ class Design:
     about: Mapping[str, Any] = field(default_factory=dict)
 
     def correlation(self) -> float:
-        """Largest absolute cross-correlation between two moved inputs, lags up to a tenth of the record (Eq. 2.4-2.7)."""
+        """Largest absolute cross-correlation of two moved inputs, lags up to a tenth of the record (Eq. 2.4-2.7)."""
         most = len(self.t) // 10
         columns = [self.symbols.index(s) for s in self.moved]
         worst = 0.0
@@ -182,9 +182,9 @@ def candidates(
     out: list[Design] = []
     worst = math.inf
     for _ in range(40 * count):
-        u, factor = base.copy(), float(2.0 ** random.integers(0, 4))
+        u, factors = base.copy(), {s.symbol: float(2.0 ** random.integers(0, 4)) for s in signals}
         for s in signals:
-            slow = Signal(s.symbol, s.levels, s.dwell * factor, s.largest_step)
+            slow = Signal(s.symbol, s.levels, s.dwell * factors[s.symbol], s.largest_step)
             u[:, names.index(s.symbol)] = sequence(slow, t, int(random.integers(0, 1 << 16)))
         design = Design(t, u, names, tuple(s.symbol for s in signals), about={"dwell factors": factors})
         if any(np.ptp(u[:, names.index(s.symbol)]) == 0 for s in signals):
