@@ -9,6 +9,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
+# Before numpy is loaded: its threads fight over small matrices, and cost orders of magnitude on a busy machine.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import typer
 from rich.console import Console
 from rich.table import Table

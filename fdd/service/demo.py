@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 import time as clock
+from base64 import b64decode
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +23,8 @@ from fdd.plant.faults import DAY, PlantFault, Shape
 from fdd.plant.scenario import Scenario, pieces, points
 from fdd.plant.site import demo_site
 from fdd.records import NANOSECONDS, AlarmState, Batch, JsonObject, Quality
+from fdd.report.content import Report, gather
+from fdd.report.plots import plots
 from fdd.report.render import write_report
 from fdd.service.alarms import iso
 from fdd.service.baselines import accept
@@ -249,10 +252,19 @@ def run_demo(*, fault: str, seed: int, weeks: int, folder: Path, console: Consol
     store = prepared.opened.store(read_only=True)
     end = scenario.first + round(scenario.days * DAY * NANOSECONDS)
     start = end - round(weeks * 7 * DAY * NANOSECONDS)
-    result.report = write_report(store, site_info(prepared.opened), folder / "report.html", start, end)
+    info = site_info(prepared.opened)
+    result.report = write_report(store, info, folder / "report.html", start, end)
+    _draw_alarm(gather(store, info, start, end), folder / "alarm.svg")
     store.close()
     result.total_seconds = clock.monotonic() - began
     return result
+
+
+def _draw_alarm(report: Report, path: Path) -> None:
+    """The first finding's first plot as a file of its own: what was measured, and what the model expected."""
+    if report.findings and report.start is not None and report.end is not None:
+        first, *_ = plots(report.findings[0], report.site, report.start, report.end)
+        path.write_bytes(b64decode(first.source.partition(",")[2]))
 
 
 def _wait(daemon: subprocess.Popen[bytes], prepared: Prepared, progress: Progress) -> None:

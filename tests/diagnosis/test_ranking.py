@@ -1,0 +1,71 @@
+"""Causes are ranked by how their signatures agree with what rang."""
+
+from __future__ import annotations
+
+from fdd.diagnosis.ranking import diagnose
+from fdd.models.heat_exchanger import heat_exchanger
+from fdd.records import Alarm, AlarmState, JsonObject
+
+
+def alarm(**charts: JsonObject) -> Alarm:
+    return Alarm(
+        key="hx@t",
+        component="hx",
+        state=AlarmState.RAISED,
+        since=0,
+        raised=1,
+        updated=1,
+        charts=tuple(charts),
+        summary="",
+        evidence={"charts": charts, "points": []},
+    )
+
+
+def test_less_transfer_and_both_outlets_apart_is_fouling() -> None:
+    found = diagnose(
+        heat_exchanger(),
+        alarm(
+            a={"symbol": "T_hot_out", "direction": 1},
+            b={"symbol": "T_cold_out", "direction": -1},
+        ),
+    )
+    assert found.causes[0]["name"] == "fouling"
+    assert found.causes[0]["likelihood"] > 0.5
+    assert "deposits" in found.summary
+    assert found.checks
+
+
+def test_one_outlet_alone_speaks_for_its_sensor_more_than_two_outlets_do() -> None:
+    one = diagnose(heat_exchanger(), alarm(a={"symbol": "T_hot_out", "direction": 1}))
+    two = diagnose(
+        heat_exchanger(),
+        alarm(a={"symbol": "T_hot_out", "direction": 1}, b={"symbol": "T_cold_out", "direction": -1}),
+    )
+
+    def share(found: object, name: str) -> float:
+        return next(c["likelihood"] for c in found.causes if c["name"] == name)  # type: ignore[attr-defined, no-any-return]
+
+    assert share(one, "fouling") < share(two, "fouling")
+
+
+def test_a_correlated_parameter_does_not_speak_against_the_cause_that_explains_its_twin() -> None:
+    model = heat_exchanger()
+    names = [p.symbol for p in model.parameters if p.kind == "physical"]
+    fouling = next(f for f in model.faults if f.name == "fouling")
+    moved = next(s for s in fouling.shows if s in names)
+    twin = next(s for s in names if s not in fouling.shows)
+    strong = {"change": -0.1, "standard_error": 0.01}
+    found = diagnose(
+        model,
+        alarm(
+            a={"symbol": moved, "direction": fouling.shows[moved], **strong},
+            b={"symbol": twin, "direction": 1, **strong},
+        ),
+    )
+    cause = next(c for c in found.causes if c["name"] == "fouling")
+    assert cause["against"] == []
+
+
+def test_likelihoods_add_up_to_one() -> None:
+    found = diagnose(heat_exchanger(), alarm(a={"symbol": "T_hot_out", "direction": -1}))
+    assert abs(sum(c["likelihood"] for c in found.causes) - 1) < 0.01
