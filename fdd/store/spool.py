@@ -26,6 +26,7 @@ from fdd.records import JsonObject, Rows
 from fdd.store.encoding import decode, encode
 from fdd.store.rows_codec import decode_rows, encode_rows
 from fdd.store.schema import StoreError, as_sequence, check_kind, check_name, check_rows
+from fdd.store.sqlite import translated
 from fdd.store.store import Store, StoreUnavailableError
 
 ENTRIES_AT_ONCE = 200
@@ -95,7 +96,7 @@ class SpooledStore:
         self._forward_lock = threading.Lock()  # one forwarder at a time keeps the order
         self._held = threading.local()
         self._wake, self._stop = threading.Event(), threading.Event()
-        path = Path(folder) / "spool.sqlite"
+        path = self._path = Path(folder) / "spool.sqlite"
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             self._link = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=30)
@@ -181,16 +182,17 @@ class SpooledStore:
 
     @contextmanager
     def _commit(self) -> Iterator[None]:
-        with self._lock:
+        with self._lock, translated(self._path):
             before = self._rows, self._bytes
             self._link.execute("BEGIN IMMEDIATE")
             try:
                 yield
+                self._link.execute("COMMIT")
             except BaseException:
-                self._link.execute("ROLLBACK")
+                if self._link.in_transaction:  # a full disk has rolled back already
+                    self._link.execute("ROLLBACK")
                 self._rows, self._bytes = before
                 raise
-            self._link.execute("COMMIT")
 
     def _drop_oldest(self) -> bool:
         """Keep within the bound by dropping the oldest rows; say how many in the file itself."""
@@ -225,7 +227,8 @@ class SpooledStore:
             try:
                 while not self._stop.is_set() and self._forward():
                     pause = FIRST_PAUSE
-            except StoreUnavailableError:
+            except StoreError as problem:  # the server is away, or this machine's disk is full: try again later
+                self._note(str(problem))
                 self._stop.wait(pause)
                 pause = min(2 * pause, LONGEST_PAUSE)
                 self._wake.set()

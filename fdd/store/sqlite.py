@@ -31,6 +31,7 @@ from fdd.store.schema import (
     check_rows,
     measurement_of,
 )
+from fdd.store.store import StoreUnavailableError
 
 APPLICATION_ID = 0x68666464  # "hfdd": tells this file from any other SQLite database
 BUSY_SECONDS = 30.0
@@ -141,21 +142,22 @@ class SqliteStore:
         """All or nothing; inner transactions join the outer one."""
         if self.read_only:
             raise StoreError(f"the store {self.path} was opened read only")
-        with self._lock:
+        with self._lock, translated(self.path):
             if self._depth == 0:
                 self._writer.execute("BEGIN IMMEDIATE")
             self._depth += 1
             try:
                 yield
+                if self._depth == 1:
+                    self._writer.execute("COMMIT")
             except BaseException:
-                self._depth -= 1
-                if self._depth == 0:
+                if self._depth == 1:
                     self._ids.clear()  # some may stand for series that are rolled back
-                    self._writer.execute("ROLLBACK")
+                    if self._writer.in_transaction:  # a full disk has rolled back already
+                        self._writer.execute("ROLLBACK")
                 raise
-            self._depth -= 1
-            if self._depth == 0:
-                self._writer.execute("COMMIT")
+            finally:
+                self._depth -= 1
 
     @contextmanager
     def _snapshot(self) -> Iterator[sqlite3.Connection]:
@@ -168,11 +170,12 @@ class SqliteStore:
             finally:
                 self._lock.release()
         link = self._reader()
-        link.execute("BEGIN")
-        try:
-            yield link
-        finally:
-            link.execute("COMMIT")
+        with translated(self.path):
+            link.execute("BEGIN")
+            try:
+                yield link
+            finally:
+                link.execute("COMMIT")
 
     # ---- rows
 
@@ -250,10 +253,14 @@ class SqliteStore:
         beyond = _EVER[1] if end is None else end
         query = f"SELECT time, {_quoted(fields)} FROM {table} WHERE series = ? AND time >= ? AND time < ? ORDER BY time"
         with self._snapshot() as link:
-            ids = self._series(link, measurement)
+            ids = self._series(link, measurement) if self._has(link, table) else {}
             names = sorted(ids) if series is None else sorted(set(series) & set(ids))
             blocks = [(n, link.execute(query, (ids[n], first, beyond)).fetchall()) for n in names]
         return _frame(fields, blocks)
+
+    def _has(self, link: sqlite3.Connection, table: str) -> bool:
+        """Whether the table is there: a file of an earlier release that is only read may lack some."""
+        return link.execute("SELECT 1 FROM sqlite_master WHERE name = ?", (table,)).fetchone() is not None
 
     def _series(self, link: sqlite3.Connection, measurement: str) -> dict[str, int]:
         found = link.execute("SELECT name, id FROM series WHERE measurement = ?", (measurement,))
@@ -300,6 +307,22 @@ class SqliteStore:
         with self._lock:
             while self._open:
                 self._open.pop().close()
+
+
+@contextmanager
+def translated(path: Path) -> Iterator[None]:
+    """SQLite's errors in the store's words."""
+    try:
+        yield
+    except sqlite3.OperationalError as problem:
+        said = str(problem)
+        if "locked" in said or "busy" in said:
+            raise StoreUnavailableError(
+                f"{path}: another process has written for {BUSY_SECONDS:g} s without end"
+            ) from problem
+        raise StoreError(f"{path}: {said}; look for space on the disk and for the rights of the file") from problem
+    except sqlite3.DatabaseError as problem:
+        raise StoreError(f"{path}: {problem}; restore it from the last backup (docs/runbook.md)") from problem
 
 
 def _quoted(names: Sequence[str]) -> str:

@@ -192,6 +192,21 @@ def test_entry_that_is_refused_for_good_is_set_aside_and_the_rest_go_on(spool: S
     assert spool.status.refused_rows == 1
 
 
+def test_full_disk_under_the_spool_is_said_and_the_spool_goes_on(spool: SpooledStore, inner: Switchable) -> None:
+    inner.away = True
+    spool.write(one(0))
+    (pages,) = spool._link.execute("PRAGMA page_count").fetchone()
+    spool._link.execute(f"PRAGMA max_page_count = {pages}")
+    with pytest.raises(StoreError, match="disk is full"):
+        spool.write(rows(n=20_000))
+    assert spool.status.pending_rows == 1
+    spool._link.execute("PRAGMA max_page_count = 1000000")
+    spool.write(one(1))
+    inner.away = False
+    wait(lambda: spool.status.pending_bytes == 0)
+    assert inner.read("samples")["value"].tolist() == [0.0, 1.0]
+
+
 KILLED = """
 import sys
 from pathlib import Path

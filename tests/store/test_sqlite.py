@@ -16,7 +16,7 @@ import pytest
 
 from fdd.records import Rows
 from fdd.store.sqlite import SqliteStore
-from fdd.store.store import Store, StoreConfig, StoreError, open_store
+from fdd.store.store import Store, StoreConfig, StoreError, StoreUnavailableError, open_store
 from tests.store.conformance import T0, StoreConformance, rows
 
 
@@ -155,6 +155,42 @@ def test_another_schema_version_is_refused_with_both_numbers(path: Path) -> None
     link.close()
     with pytest.raises(StoreError, match=r"schema version 99.*writes 1; upgrade"):
         SqliteStore(path)
+
+
+def test_a_full_disk_is_said_and_what_was_committed_stays(path: Path) -> None:
+    store = SqliteStore(path)
+    store.write(rows(n=100))
+    (pages,) = store._writer.execute("PRAGMA page_count").fetchone()
+    store._writer.execute(f"PRAGMA max_page_count = {pages + 2}")
+    with pytest.raises(StoreError, match=r"store\.sqlite: database or disk is full; look for space"):
+        store.write(rows(series=tuple(f"s{i}/x" for i in range(50)), n=200))
+    assert len(store.read("charts")) == 100
+    store._writer.execute("PRAGMA max_page_count = 1000000")
+    store.write(rows(series=("s1/x",), n=10))
+    assert len(store.read("charts")) == 110
+
+
+def test_a_damaged_file_is_said_with_the_remedy(path: Path) -> None:
+    store = SqliteStore(path)
+    store.write(rows(n=5000))
+    store.close()
+    raw = bytearray(path.read_bytes())
+    raw[4096 * 40 :] = b"\xa5" * (len(raw) - 4096 * 40)
+    path.write_bytes(raw)
+    with pytest.raises(StoreError, match="restore it from the last backup"):
+        SqliteStore(path, read_only=True).read("charts")
+
+
+def test_an_endless_writer_beside_us_is_named_as_such(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fdd.store.sqlite.BUSY_SECONDS", 0.2)
+    store = SqliteStore(path)
+    link = sqlite3.connect(path)
+    link.execute("BEGIN IMMEDIATE")
+    with pytest.raises(StoreUnavailableError, match="another process has written"):
+        store.write(rows())
+    link.rollback()
+    store.write(rows())
+    link.close()
 
 
 def test_more_series_than_the_bound_are_refused(path: Path) -> None:
