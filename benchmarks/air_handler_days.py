@@ -174,7 +174,7 @@ def judge(records: dict[str, Data], folds: int, shorten: bool = False) -> list[V
         start = start or {s: v for s, v in p.items() if s not in HELD}
         known = [d for d in normal if d not in held_out]
         seen = {d: (gains(used[d], p), condition(used[d], p)) for d in known}
-        # Twice the largest gain, and half as far again as the lowest condition, of the days the baseline knows; at least
+        # Twice the largest gain, half as far again as the lowest condition, of the days the baseline knows; at least
         # one nat a minute of the longest window, as innovations that are 1.4 standard deviations off throughout give.
         largest, lowest = max(g["leak_heat"] for g, _ in seen.values()), min(c for _, c in seen.values())
         limits = (max(2.0 * largest, float(WINDOWS[-1][0])), 1.5 * lowest)

@@ -11,8 +11,12 @@ from fdd.models.air_handler import air_handler
 from fdd.models.building import building
 from fdd.models.declare import ComponentModel, ModelError
 from fdd.models.heat_exchanger import heat_exchanger
+from fdd.models.pipe import pipe_hydraulic, pipe_thermal
+from fdd.models.pump import pump
 from fdd.models.radiator import radiator
 from fdd.models.restrict import restrict
+from fdd.models.thermostatic_valve import thermostatic_valve
+from fdd.models.valve import control_valve, relief_valve
 from fdd.models.zone import zone
 
 Factory = Callable[..., ComponentModel]
@@ -65,5 +69,17 @@ def _suggest(word: str, known: Mapping[str, Any] | tuple[str, ...]) -> str:
     return f"; did you mean {close[0]!r}?" if close else ""
 
 
-for _factory in (radiator, heat_exchanger, building, zone, air_handler):
+for _factory in (
+    radiator,
+    heat_exchanger,
+    building,
+    zone,
+    air_handler,
+    pipe_hydraulic,
+    pipe_thermal,
+    thermostatic_valve,
+    pump,
+    control_valve,
+    relief_valve,
+):
     register(_factory.__name__, _factory)
