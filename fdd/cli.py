@@ -103,6 +103,29 @@ def fit(
         screen.print(f"validation report: {html}")
 
 
+@app.command(epilog=example("fdd chiller plant.yaml history.csv --until 2026-03-01 --html chiller.html"))
+def chiller(
+    site_file: SiteFile,
+    data: DataFile = None,
+    since: Since = None,
+    until: Annotated[
+        str | None, typer.Option(help="End of the healthy period that the rest is compared with (ISO 8601).")
+    ] = None,
+    only: Annotated[list[str] | None, typer.Option(help="Study this chiller only; may be repeated.")] = None,
+    html: Annotated[Path | None, typer.Option(help="Write the study with its plots here.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Study a site's chillers: points kept, estimates side by side with intervals, charts, and a verdict."""
+    from fdd.service.chiller_study import study_site
+
+    studies = study_site(site_file, data, since=since, until=until, only=only, html=html, console=screen)
+    if as_json:
+        _print_json({"chillers": [s.document() for s in studies]})
+        return
+    for item in studies:
+        item.print(out)
+
+
 @app.command(epilog=example("fdd replay plant.yaml history.csv --from 2026-03-01", "fdd replay plant.yaml --json"))
 def replay(
     site_file: SiteFile,

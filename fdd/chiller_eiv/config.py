@@ -62,6 +62,10 @@ class ChillerConfig:
         """Refuse what cannot work together."""
         if not self.rated_load > 0:
             raise ChillerError(f"chiller {self.name!r}: rated_load must be positive; got {self.rated_load!r} W")
+        for key, known in (("speed", ("fixed", "measured", "by load")), ("condenser_flow", ("fixed", "measured"))):
+            if getattr(self, key) not in known:
+                given = getattr(self, key)
+                raise ChillerError(f"chiller {self.name!r}: {key} must be one of {', '.join(known)}; got {given!r}")
         if self.speed == "measured" and self.condenser_flow == "measured":
             raise ChillerError(
                 f"chiller {self.name!r}: measured speed together with measured condenser flow is not supported; "

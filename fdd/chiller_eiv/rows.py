@@ -16,6 +16,21 @@ from fdd.records import Rows
 _SLUG = {POWER: "power"}
 
 
+def stream_of(series: str) -> str:
+    """A daily series' name as it stands in the store: ``power``, ``condenser_approach``."""
+    return _SLUG.get(series, series.replace(" ", "_"))
+
+
+def daily_chart(name: str, series: str) -> str:
+    """Name of a daily chart."""
+    return f"{name}/{stream_of(series)}:daily"
+
+
+def weekly_chart(name: str, parameter: str) -> str:
+    """Name of a parameter's weekly chart."""
+    return f"{name}/{parameter}:weekly"
+
+
 def output_rows(monitor: ChillerMonitor, outputs: ChillerOutputs, version: int = 1) -> list[Rows]:
     """What one closed day writes, keyed by (measurement, series, event time).
 
@@ -79,9 +94,8 @@ def _charts(name: str, o: ChillerOutputs) -> list[Rows]:
 
 
 def _daily(name: str, series: str, v: DailyVerdict) -> Rows:
-    stream = _SLUG.get(series, series.replace(" ", "_"))
     fields = {"statistic": v.statistic, "limit": v.limit, "phase": float(v.phase)}
-    return _one("charts", f"{name}/{stream}:daily", v.time, fields)
+    return _one("charts", daily_chart(name, series), v.time, fields)
 
 
 def _weekly_charts(name: str, o: ChillerOutputs) -> list[Rows]:
@@ -90,7 +104,7 @@ def _weekly_charts(name: str, o: ChillerOutputs) -> list[Rows]:
     return [
         _one(
             "charts",
-            f"{name}/{p}:weekly",
+            weekly_chart(name, p),
             w.time,
             {"statistic": float(w.statistic[i]), "limit": float(w.limit[i]), "phase": float(w.phase[i])},
         )

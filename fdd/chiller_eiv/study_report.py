@@ -17,7 +17,7 @@ from fdd.chiller_eiv.fit import ChillerFit
 from fdd.chiller_eiv.forms import BASE
 from fdd.chiller_eiv.study import StudyResult, date_of
 
-_SHOWN = {
+SHOWN = {
     "dS": (1e-3, "kW/K"),
     "Q_leak": (1e-3, "kW"),
     "R": (1e3, "K/kW"),
@@ -42,7 +42,7 @@ def render(result: StudyResult) -> str:
         r=result,
         rejected=result.report.counts(),
         estimates=[_row(name, f) for name, f in result.fits.items()],
-        parameters=[f"{p} [{_SHOWN[p][1]}]" for p in result.decision.fit.form.parameters],
+        parameters=[f"{p} [{SHOWN[p][1]}]" for p in result.decision.fit.form.parameters],
         measures=sorted(result.decision.measures.items()),
         weekly=[_week(v) for v in result.weekly],
         alarms=_alarms(result),
@@ -55,7 +55,7 @@ def _row(name: str, fit: ChillerFit) -> dict[str, Any]:
     interval = fit.interval()
     cells = []
     for p in fit.form.parameters:
-        factor, _ = _SHOWN[p]
+        factor, _ = SHOWN[p]
         if p in fit.held:
             cells.append(f"{fit.held[p] * factor:.4g} (held)")
             continue
@@ -147,7 +147,7 @@ def _weekly_figure(result: StudyResult) -> Figure:
     figure = Figure(figsize=(7.5, 2.2 * len(names)), layout="constrained")
     for i, p in enumerate(names):
         axes = figure.add_subplot(len(names), 1, i + 1)
-        factor, unit = _SHOWN[p]
+        factor, unit = SHOWN[p]
         value = np.array([v.week.estimate[i] for v in result.weekly]) * factor
         error = 1.96 * np.array([v.week.se[i] for v in result.weekly]) * factor
         axes.errorbar(_dates([v.time for v in result.weekly]), value, error, fmt="o", ms=3, lw=1)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from fdd.config.base import suggestion
-from fdd.config.schema import Equipment, Site
+from fdd.config.schema import CHILLER, Equipment, Site
 from fdd.models.declare import ComponentModel, ModelError, Quantity
 from fdd.models.registry import get_model
 from fdd.units import NAMES, UnitError, conversion
@@ -72,6 +72,9 @@ def _unused(site: Site) -> Iterator[Finding]:
 
 def _equipment(site: Site, name: str, equipment: Equipment) -> Iterator[Finding]:
     key = f"equipment.{name}"
+    if equipment.model == CHILLER:
+        yield from _chiller(site, key, name)
+        return
     try:
         model = component_model(equipment)
     except (ModelError, TypeError) as error:
@@ -80,6 +83,51 @@ def _equipment(site: Site, name: str, equipment: Equipment) -> Iterator[Finding]
     yield from _roles(site, f"{key}.inputs", equipment.inputs, model.inputs)
     yield from _roles(site, f"{key}.outputs", equipment.outputs, model.outputs)
     yield from _parameters(key, equipment, model)
+
+
+# What a filter's equipment has and a chiller does not, with what stands in its place.
+_NOT_A_CHILLERS = {
+    "outputs": "Map every measured quantity under 'inputs'.",
+    "parameters": "What is known of them is given as 'priors' and 'leak' under 'options'.",
+    "charts": "A chiller's charts are fixed; 'options' has their limits.",
+    "start_up": "Give 'steady: {settling: SECONDS}' under 'options'.",
+}
+
+
+def _chiller(site: Site, key: str, name: str) -> Iterator[Finding]:
+    from fdd.chiller_eiv.model import ChillerError  # sites without a chiller need not load it
+    from fdd.config import chiller
+
+    equipment = site.equipment[name]
+    for word, remedy in _NOT_A_CHILLERS.items():
+        if word in equipment.model_fields_set:
+            yield Finding("error", f"{key}.{word}", "a chiller has none", remedy)
+    known = {q.symbol: q for q in chiller.ROLES}
+    for role, point in equipment.inputs.items():
+        if role in known:
+            yield from _fit(site, f"{key}.inputs.{role}", point, known[role])
+        else:
+            yield Finding("error", f"{key}.inputs.{role}", "a chiller has no such role", suggestion(role, list(known)))
+    try:
+        config = chiller.chiller_config(site, name)
+    except ChillerError as error:
+        yield Finding("error", f"{key}.options", str(error), "docs/chiller.md lists the keys.")
+        return
+    for q in chiller.missing_roles(config, equipment.inputs):
+        yield Finding(
+            "error", key, f"role {q.symbol} ({q.meaning}) has no point", f"Add `{q.symbol}: POINT` [{q.unit}]."
+        )
+    for q in chiller.unknown_errors(config):
+        remedy = f"Give its point a 'sensor_sd', or 'errors: {{{q.symbol}: {{random: ...}}}}' under 'options'."
+        yield Finding(
+            "error", f"{key}.options.errors", f"the sensor error of {q.symbol} ({q.meaning}) is not known", remedy
+        )
+    share = site.false_alarms_per_year * equipment.weight / sum(e.weight for e in site.equipment.values())
+    own = chiller.false_alarms(site, name, config)
+    if own > 1.001 * share:
+        problem = f"its charts may give {own:.2g} false alarms a year; its share of the site's is {share:.2g}"
+        remedy = "Leave residual_false_alarms and drift.false_alarms out, or raise false_alarms_per_year or its weight."
+        yield Finding("warning", f"{key}.options", problem, remedy)
 
 
 def _roles(site: Site, key: str, mapped: dict[str, str], roles: tuple[Quantity, ...]) -> Iterator[Finding]:

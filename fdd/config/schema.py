@@ -13,6 +13,9 @@ from fdd.config.base import Duration, DurationOrZero, SourceOptions, Strict, Uni
 from fdd.expressions import Expression, ExpressionError, compile_expression
 from fdd.units import Conversion, QuantityKind, UnitError, conversion
 
+CHILLER = "gordon_ng"
+"""The model of equipment that is monitored as a chiller, by ``fdd.chiller_eiv``, and not by a filter."""
+
 
 class Point(Strict):
     """One measured or derived point. Numbers (``sensor_sd``, ``range``, ``missing``) are in the point's ``unit``."""

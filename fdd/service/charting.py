@@ -88,12 +88,14 @@ class InnovationCharts:
             if c.carries("cusum", q.symbol)
         )
         carried = [c.carries("cusum", q.symbol) for g in groups for c in g.components for q in g.model.outputs]
-        self._carried = np.flatnonzero(carried)
+        self._carried = np.flatnonzero(np.array(carried, dtype=np.bool_))
         self._chart = Cusum.design([arl[s.component] for s in self.streams])
 
     def update(self, steps: Sequence[GroupStep]) -> Verdicts:
         """Feed the standardised innovations."""
-        return self._chart.update(np.concatenate([s.standardised.ravel() for s in steps])[self._carried])
+        return self._chart.update(
+            np.concatenate([np.empty(0), *(s.standardised.ravel() for s in steps)])[self._carried]
+        )
 
     def reset(self, which: BoolArray) -> None:
         """Start these streams again."""

@@ -16,12 +16,14 @@ from fdd.diagnosis.ranking import diagnose
 from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, FloatArray, JsonObject, Rows, concatenate
 from fdd.service.alarms import AlarmBook, Command, Ring
 from fdd.service.charting import Charts, ChartStep
+from fdd.service.chillers import ChillerDay, Chillers
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.framing import Framer, Frames
-from fdd.service.plan import Component, Plan
+from fdd.service.plan import Chiller, Component, Plan
 
-SCHEMA = 1
+SCHEMA = 2
 DAY = 86400 * NANOSECONDS
+_NONE = np.empty(0)  # what a site without filters concatenates
 
 
 class EngineError(RuntimeError):
@@ -38,16 +40,17 @@ class Outputs:
 
 
 class Engine:
-    """One site's filters, charts and alarms; components without a baseline are left out."""
+    """One site's filters, chillers, charts and alarms; what has no baseline is left out."""
 
     def __init__(self, plan: Plan, baselines: Mapping[str, Baseline]) -> None:
         self.plan = plan
         self._framer = Framer(plan.points, plan.step, plan.lateness, plan.max_jump)
         self._groups = _group(plan, baselines)
         self._charts = Charts(plan, self._groups)
-        self.alarms = AlarmBook(
-            {c.name: frozenset(c.inputs) for c in plan.components}, {c.name: c.upstream for c in plan.components}
-        )
+        self._chillers = Chillers(plan, baselines)
+        reads = {c.name: frozenset(c.inputs) for c in plan.components}
+        reads |= {c.name: frozenset(c.inputs.values()) for c in plan.chillers}
+        self.alarms = AlarmBook(reads, {c.name: c.upstream for c in plan.watched})
         self._components = {c.name: c for c in plan.components}
         self._outputs = tuple(
             f"{c.name}/{q.symbol}" for g in self._groups for c in g.components for q in g.model.outputs
@@ -55,18 +58,23 @@ class Engine:
         self._time: int | None = None
 
     @property
-    def watched(self) -> list[Component]:
-        """Components that have a baseline, in the engine's order."""
-        return [c for g in self._groups for c in g.components]
+    def watched(self) -> list[Component | Chiller]:
+        """Components and chillers that have a baseline, in the engine's order."""
+        return [*(c for g in self._groups for c in g.components), *self._chillers]
 
     @property
     def counts(self) -> dict[str, int]:
-        """What became of the samples, and how often filters were started afresh, by reason."""
+        """What became of the samples, how often filters were started afresh and chillers failed, by reason."""
         restarts: dict[str, int] = {}
         for g in self._groups:
             for reason, n in g.restarts.items():
                 restarts[f"restart: {reason}"] = restarts.get(f"restart: {reason}", 0) + n
-        return {**self._framer.counts, **restarts}
+        return {**self._framer.counts, **restarts, **self._chillers.counts}
+
+    @property
+    def notes(self) -> list[str]:
+        """The last failure of each chiller in words."""
+        return list(self._chillers.notes.values())
 
     @property
     def time(self) -> int | None:
@@ -92,8 +100,14 @@ class Engine:
         now = command.time if self._time is None else self._time
         changed = self.alarms.command(command, now)
         if command.action == "clear":
-            self._charts.reset(changed[0].component)
+            self._reset(changed[0].component)
         return Outputs(alarms=changed)
+
+    def _reset(self, component: str) -> None:
+        if component in self._chillers:
+            self._chillers.reset(component)
+        else:
+            self._charts.reset(component)
 
     def _run(self, frames: Frames) -> Outputs:
         if len(frames) == 0:
@@ -106,7 +120,9 @@ class Engine:
         for time, row in zip(frames.time.tolist(), values, strict=True):
             group_steps = [g.step(time, row) for g in self._groups]
             chart_step = self._charts.update(group_steps)
-            alarms += self._alarm(time, chart_step)
+            closed = self._chillers.step(time, row)
+            alarms += self._alarm(time, chart_step, closed)
+            days += [rows for day in closed for rows in day.rows]
             steps.append(group_steps)
             charted.append(chart_step)
             if self._time is not None and time // DAY > self._time // DAY:
@@ -119,10 +135,12 @@ class Engine:
         ]
         return Outputs([r for r in (*rows, *concatenate(days)) if len(r)], alarms, len(frames))
 
-    def _alarm(self, time: int, step: ChartStep) -> list[Alarm]:
+    def _alarm(self, time: int, step: ChartStep, chillers: Sequence[ChillerDay]) -> list[Alarm]:
         changed = self.alarms.tick(time)
-        if len(step.rang):
-            changed += self.alarms.ring(time, [self._ring(time, int(i), step) for i in step.rang])
+        rings = [self._ring(time, int(i), step) for i in step.rang] + [r for day in chillers for r in day.rings]
+        if rings:
+            changed += self.alarms.ring(time, rings)
+        changed += [a for day in chillers if day.retold and (a := self.alarms.of(day.name)) and a not in changed]
         if self.alarms.open:
             back = [a.component for a in self.alarms.open if self._is_normal(a.component, step)]
             changed += self.alarms.normal(time, back)
@@ -142,12 +160,16 @@ class Engine:
         return Ring(stream.component, stream.name, stream.point, since, evidence)
 
     def _is_normal(self, component: str, step: ChartStep) -> bool:
+        if component in self._chillers:
+            return self._chillers.is_normal(component)
         return all(step.normal[i] for i, s in enumerate(self._charts.streams) if s.component == component)
 
     def _diagnosed(self, alarm: Alarm) -> Alarm:
-        component = self._components[alarm.component]
-        finding = diagnose(component.model, alarm)
-        alarm = replace(alarm, summary=finding.summary, causes=finding.causes, checks=finding.checks)
+        if alarm.component in self._chillers:
+            alarm = self._chillers.explain(alarm)
+        else:
+            finding = diagnose(self._components[alarm.component].model, alarm)
+            alarm = replace(alarm, summary=finding.summary, causes=finding.causes, checks=finding.checks)
         if self.alarms.of(alarm.component):
             self.alarms.annotate(alarm)
         return alarm
@@ -158,9 +180,12 @@ class Engine:
 
     def _prediction_rows(self, frames: Frames, steps: Sequence[Sequence[GroupStep]]) -> Rows:
         def flat(name: str) -> FloatArray:
-            return np.stack([np.concatenate([getattr(s, name).ravel() for s in row]) for row in steps])
+            return np.stack([np.concatenate([_NONE, *(getattr(s, name).ravel() for s in row)]) for row in steps])
 
-        running = np.stack([np.concatenate([np.repeat(s.running, s.predicted.shape[1]) for s in row]) for row in steps])
+        def running_of(row: Sequence[GroupStep]) -> list[NDArray[np.bool_]]:
+            return [np.repeat(s.running, s.predicted.shape[1]) for s in row]
+
+        running = np.stack([np.concatenate([_NONE.astype(bool), *running_of(row)]) for row in steps])
         fields = {
             "measured": flat("measured"),
             "predicted": flat("predicted"),
@@ -201,6 +226,7 @@ class Engine:
             "framer": self._framer.export_state(),
             "groups": [g.export_state() for g in self._groups],
             "charts": self._charts.export_state(),
+            "chillers": self._chillers.export_state(),
             "alarms": self.alarms.export_state(),
         }
 
@@ -214,8 +240,8 @@ class Engine:
         """
         if state["schema"] != SCHEMA:
             raise EngineError(f"engine state has schema {state['schema']}, this version reads {SCHEMA}; start afresh")
-        saved = [name for g in state["groups"] for name in g["components"]]
-        here = [c.name for g in self._groups for c in g.components]
+        saved = [*(name for g in state["groups"] for name in g["components"]), *state["chillers"]["chillers"]]
+        here = [c.name for c in self.watched]
         if saved != here:
             raise EngineError(
                 f"engine state is of the components {', '.join(saved)}; the site has {', '.join(here)}; "
@@ -226,6 +252,7 @@ class Engine:
         for group, saved_group in zip(self._groups, state["groups"], strict=True):
             group.restore_state(saved_group)
         self._charts.restore_state(state["charts"])
+        self._chillers.restore_state(state["chillers"])
         self.alarms.restore_state(state["alarms"])
 
 

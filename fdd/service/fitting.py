@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
@@ -11,12 +11,13 @@ from rich.progress import Progress
 from fdd.greybox.results import FitResult
 from fdd.records import Baseline
 from fdd.service.baselines import accept
+from fdd.service.chiller_fit import FittedChiller, learn_chiller
 from fdd.service.errors import UsageError
 from fdd.service.feed import Feed
 from fdd.service.history import History, read_history
 from fdd.service.identify import IdentifyError, chance, identify
 from fdd.service.opened import Opened, open_site
-from fdd.service.plan import Component
+from fdd.service.plan import Chiller, Component
 
 # Parameter charts widened by more than this are worth a warning.
 LOOSE = 1.5
@@ -53,7 +54,7 @@ def fit_site(
     html: Path | None,
     starts: int,
     console: Console,
-) -> list[Fitted]:
+) -> list[Fitted | FittedChiller]:
     """Fit every component (or those named), put the baselines in force, and say what is wrong with them.
 
     Raises
@@ -66,16 +67,17 @@ def fit_site(
         task = progress.add_task("reading", total=None)
         history = read_span(opened, since, until)
         progress.update(task, description="fitting", total=len(chosen), completed=0)
-        fitted, failures = [], []
+        fitted: list[Fitted | FittedChiller] = []
+        failures: list[str] = []
         store = opened.store()
         for component in chosen:
             progress.update(task, description=f"fitting {component.name}")
             try:
-                baseline, result = identify(opened.plan, component, history, starts=starts)
+                found = _fit(opened, component, history, starts)
             except IdentifyError as error:
                 failures.append(str(error))
             else:
-                fitted.append(Fitted(accept(store, baseline), result, warnings_of(baseline, result)))
+                fitted.append(replace(found, baseline=accept(store, found.baseline)))
             progress.advance(task)
         store.close()
     if failures and not fitted:
@@ -83,6 +85,13 @@ def fit_site(
     for failure in failures:
         console.print(f"[yellow]not fitted:[/yellow] {failure}")
     return fitted
+
+
+def _fit(opened: Opened, watched: Component | Chiller, history: History, starts: int) -> Fitted | FittedChiller:
+    if isinstance(watched, Chiller):
+        return learn_chiller(opened.plan, watched, history)
+    baseline, result = identify(opened.plan, watched, history, starts=starts)
+    return Fitted(baseline, result, warnings_of(baseline, result))
 
 
 def read_span(opened: Opened, since: str | None, until: str | None) -> History:
@@ -109,12 +118,12 @@ def read_span(opened: Opened, since: str | None, until: str | None) -> History:
     return span
 
 
-def _chosen(opened: Opened, only: list[str] | None) -> list[Component]:
-    names = [c.name for c in opened.plan.components]
+def _chosen(opened: Opened, only: list[str] | None) -> list[Component | Chiller]:
+    names = [c.name for c in opened.plan.watched]
     for name in only or ():
         if name not in names:
             raise UsageError(f"no equipment is named {name!r}; there are {', '.join(names)}")
-    return [c for c in opened.plan.components if not only or c.name in only]
+    return [c for c in opened.plan.watched if not only or c.name in only]
 
 
 def warnings_of(baseline: Baseline, result: FitResult) -> tuple[str, ...]:

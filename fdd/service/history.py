@@ -66,7 +66,7 @@ class Run:
 
 def runs(plan: Plan, component: Component, history: History, shortest: int = 12) -> list[Run]:
     """Cut a history into runs without gaps, with inputs held as the engine holds them and the gate on."""
-    u = _held(history.time, history.of(component.inputs), plan.hold)
+    u = held(history.time, history.of(component.inputs), plan.hold)
     y = history.of(component.outputs)
     usable = np.isfinite(u).all(axis=1)
     if component.when:
@@ -85,7 +85,7 @@ def runs(plan: Plan, component: Component, history: History, shortest: int = 12)
     return found
 
 
-def _held(time: IntArray, values: FloatArray, hold: int) -> FloatArray:
+def held(time: IntArray, values: FloatArray, hold: int) -> FloatArray:
     """Fill each column's gaps with its last value, for as long as ``hold`` [ns]."""
     rows = np.arange(len(values))[:, None]
     last = np.maximum.accumulate(np.where(np.isfinite(values), rows, -1), axis=0)

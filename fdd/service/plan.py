@@ -10,7 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fdd.chiller_eiv.config import ChillerConfig
 from fdd.config import Equipment, Site, component_model
+from fdd.config.chiller import chiller_config, chillers_share, is_chiller
 from fdd.expressions import Expression
 from fdd.models.declare import ComponentModel, Parameter
 from fdd.records import NANOSECONDS, FloatArray
@@ -51,8 +53,19 @@ class Component:
 
 
 @dataclass(frozen=True, slots=True)
+class Chiller:
+    """One chiller: ``inputs`` maps its quantities to columns; ``when`` and ``upstream`` as a component's."""
+
+    name: str
+    config: ChillerConfig
+    inputs: Mapping[str, str]
+    when: str | None = None
+    upstream: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
-    """All the engine needs to know; times in ns."""
+    """All the engine needs to know; times in ns. ``false_alarms_per_year`` is what the components may give."""
 
     site: str
     step: int
@@ -64,6 +77,12 @@ class Plan:
     points: tuple[str, ...]
     derived: tuple[Derived, ...]
     components: tuple[Component, ...]
+    chillers: tuple[Chiller, ...] = ()
+
+    @property
+    def watched(self) -> tuple[Component | Chiller, ...]:
+        """Everything that can have a baseline: components, then chillers."""
+        return (*self.components, *self.chillers)
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -81,14 +100,18 @@ class Plan:
 def plan_of(site: Site) -> Plan:
     """Resolve a checked site; gates become derived columns of 1 and 0."""
     derived = [Derived(name, expression) for name, expression in site.derived.items()]
-    components = []
+    components, chillers = [], []
     for name, equipment in site.equipment.items():
-        model = _bounded(component_model(equipment), equipment)
         gate = site.gate(name)
         when = None
         if gate is not None:
             when = f"{name}/when"
             derived.append(Derived(when, _as_number(gate)))
+        if is_chiller(equipment):
+            config, upstream = chiller_config(site, name), frozenset(equipment.upstream)
+            chillers.append(Chiller(name, config, dict(equipment.inputs), when, upstream))
+            continue
+        model = _bounded(component_model(equipment), equipment)
         components.append(
             Component(
                 name=name,
@@ -110,10 +133,11 @@ def plan_of(site: Site) -> Plan:
         max_gap=_nanoseconds(site.max_gap),
         max_jump=_nanoseconds(site.max_jump),
         hold=_nanoseconds(site.hold),
-        false_alarms_per_year=site.false_alarms_per_year,
+        false_alarms_per_year=site.false_alarms_per_year * (1 - chillers_share(site)),
         points=tuple(site.measured),
         derived=tuple(derived),
         components=tuple(components),
+        chillers=tuple(chillers),
     )
 
 

@@ -30,6 +30,7 @@ class ReplayResult:
     opened: Opened
     watched: list[str]
     alarms: dict[str, Alarm] = field(default_factory=dict)
+    changes: list[Alarm] = field(default_factory=list)
     frames: int = 0
     samples: int = 0
     first: int | None = None
@@ -116,7 +117,7 @@ def replay_site(
         lines.close()
     result.seconds = clock.monotonic() - began
     result.counts = engine.counts | feed.counters()
-    result.notes = feed.notes()
+    result.notes = [*engine.notes, *feed.notes()]
     feed.close()
     return result
 
@@ -129,7 +130,7 @@ def ready_engine(opened: Opened) -> Engine:
     UsageError : no component has a baseline
     """
     store = opened.store()
-    baselines = in_force(store, [c.name for c in opened.plan.components])
+    baselines = in_force(store, [c.name for c in opened.plan.watched])
     store.close()
     if not baselines:
         raise UsageError(
@@ -146,9 +147,11 @@ def _take(result: ReplayResult, outputs: Outputs, lines: TextIO | None) -> None:
     result.frames += outputs.frames
     for alarm in outputs.alarms:
         result.alarms[alarm.key] = alarm
+        result.changes.append(alarm)
     for rows in outputs.rows:
-        result.first = int(rows.time[0]) if result.first is None else result.first
-        result.last = int(rows.time[-1])
+        first, last = int(rows.time.min()), int(rows.time.max())
+        result.first = first if result.first is None else min(first, result.first)
+        result.last = last if result.last is None else max(last, result.last)
     if lines is not None:
         for line in verdict_lines(outputs):
             lines.write(line + "\n")

@@ -1,0 +1,73 @@
+"""A chiller's verdict as the alarm tells it: the finding's sentence, its causes, what to check, what it costs a day."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fdd.chiller_eiv.online import ChillerOutputs
+from fdd.records import JsonObject
+
+MEANINGS = {
+    "heat-exchanger resistance": "fouled heat exchanger, or too little water through it",
+    "internal loss (entropy or leak)": "internal loss: compressor, refrigerant charge or non-condensable gas",
+    "sensor": "a flow meter or temperature sensor that reads wrongly",
+    "power": "more power than the load explains; which part of the machine cannot be told from these measurements",
+    "condenser side": "condenser side: fouled tubes, too little water, or non-condensable gas",
+    "evaporator side": "evaporator side: fouled tubes, too little water, or too little refrigerant",
+    "both side": "both heat exchangers: too little water on both sides, or a wrong sensor",
+    "side side": "a heat exchanger; which one cannot be told",
+    "refrigerant charge": "too little refrigerant, or a liquid line that flashes",
+}
+"""What the causes of :mod:`fdd.chiller_eiv.checks` mean to a technician."""
+
+
+def chiller_finding(outputs: ChillerOutputs, currency: str) -> JsonObject | None:
+    """What is told of a chiller in alarm: ``summary``, ``causes``, ``checks`` and ``evidence`` of an alarm; plain data.
+
+    Parameters
+    ----------
+    outputs : of the day that has closed; None where nothing is in alarm
+    currency : of the price
+    """
+    found = outputs.finding
+    if found is None:
+        return None
+    cause: JsonObject = {
+        "name": found.cause,
+        "meaning": MEANINGS.get(found.cause, found.cause),
+        "for": [found.sentence],
+        "against": [],
+        "checks": list(found.checks),
+    }
+    if found.probability is not None:
+        cause["likelihood"] = round(found.probability, 3)
+    evidence: JsonObject = {}
+    if outputs.sensors is not None:
+        evidence["heat_balance"] = outputs.sensors.note
+    return {
+        "summary": found.sentence,
+        "causes": [cause],
+        "checks": list(found.checks),
+        "evidence": {**evidence, **_cost(outputs, currency)},
+    }
+
+
+def _cost(outputs: ChillerOutputs, currency: str) -> JsonObject:
+    cost = outputs.cost
+    if cost is None:
+        return {}
+    half = 1.96 * cost.energy_day_se
+    energy = f"{cost.energy_day:.0f} kWh a day more than the healthy machine at the same load and temperatures"
+    told: JsonObject = {"extra_kWh_per_day": cost.energy_day, "extra_kWh_per_day_half_width": half}
+    if np.isfinite(cost.money_day) and cost.energy_day:
+        price = cost.money_day / cost.energy_day
+        told["cost_per_day"] = {
+            "value": cost.money_day,
+            "lower": cost.money_day - price * half,
+            "upper": cost.money_day + price * half,
+            "basis": energy,
+            "currency": currency,
+        }
+    else:
+        told["power_W"] = cost.energy_day * 1000 / 24
+    return told
