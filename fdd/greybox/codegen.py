@@ -19,7 +19,7 @@ from fdd.greybox.trace import Expr, Level
 
 Method = Literal["exact", "rk4"]
 Hold = Literal["zero", "first"]
-FORMAT = 1  # raise when the meaning of the generated text changes
+FORMAT = 2  # raise when the meaning of the generated text changes
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,11 +67,12 @@ class Layout:
             sizes |= {"KEY": 1 + self.varying}
             for name in ("AD", "PH", "PH2", "QD"):
                 sizes |= {name: n * n, "T" + name: n * n * K}
-        sizes |= {"PERSISTENT": 0, "DE": q * K, "DS": q * K, "DG": n * K, "G": n, "TXP": n * K}
+        sizes |= {"PERSISTENT": 0, "DE": q * K, "DS": q * K, "DG": q * n * K, "G": q * n, "TXP": n * K}
         if self.variant.method == "exact":
             for name in ("A", "Q", "X1", "X2", "Y1", "Y2"):
                 sizes |= {name: n * n, "T" + name: n * n * K}
             sizes |= {"C0": n, "TC0": n * K, "C1": n, "TC1": n * K, "M": n * n, "TM": n * n * K, "TN": nz * K}
+            sizes |= {"LAST": (nz - n) * (1 + K)}
         else:
             sizes |= {"TS": nz * K, "TK": nz * K, "TACC": nz * K}
         out, at = {}, 0
@@ -161,7 +162,7 @@ class Generator:
 
     def text(self) -> str:
         """The whole module."""
-        functions = [self.start(), self.predict(), *self.update()]
+        functions = [self.start(), self.predict(), self.update(), self.steady()]
         head = [f"{name} = {value}" for name, value in self.at.items()]
         sizes = {
             "N": self.n, "NZ": self.nz, "K": self.K, "NP": self.layout.parameters, "NU": self.layout.inputs,
@@ -172,8 +173,15 @@ class Generator:
         if self.variant.method == "exact":
             parts.append(templates.discretise(tangents=self.K > 0))
         parts.append(templates.update(tangents=self.K > 0))
-        parts += [*functions, templates.loops(tangents=self.K > 0)]
+        parts += [*functions, templates.loops(tangents=self.K > 0, freezes=self.freezes)]
         return "\n\n".join(parts) + "\n"
+
+    @property
+    def freezes(self) -> bool:
+        """Whether covariance and gains of regular sampling settle: nothing in them depends on inputs or states."""
+        s = self.s
+        fixed = all(e.level <= Level.PARAMETER for e in (*s.r, *(a for row in s.H for a in row)))
+        return self.variant.method == "exact" and not s.varying and fixed
 
     # Names
     def pk(self, i: int, j: int) -> int:
@@ -227,8 +235,12 @@ class Generator:
 
     def predict(self) -> str:
         """From one sample to the next."""
-        lines = self._predict_exact() if self.variant.method == "exact" else self._predict_rk4()
-        return "\n".join(["@jit", "def predict(w, c, dt, u0, u1, n):", *indent(lines)])
+        if self.variant.method == "rk4":
+            return "\n".join(["@jit", "def predict(w, c, dt, u0, u1, n):", *indent(self._predict_rk4())])
+        return "\n".join([
+            "@jit", "def advance(w, c, dt, u0, u1):", *indent(self._advance()), "", "",
+            "@jit", "def predict(w, c, dt, u0, u1, n):", *indent(self._predict_exact()),
+        ])  # fmt: skip
 
     # Runge-Kutta of order four on state and covariance jointly
     def _moments(self) -> list[Expr]:
@@ -347,7 +359,6 @@ class Generator:
     # Exact discretisation of models linear in x given u
     def _predict_exact(self) -> list[str]:
         n, K, at, s = self.n, self.K, self.at, self.s
-        top, middle = self._scopes("u0")
         key = ["w[KEY] != dt", *(f"w[KEY + {i + 1}] != u0[{v}]" for i, v in enumerate(s.varying))]
         fresh_top, fresh = self._scopes("u0")
         entries = [f"w[A + {i * n + j}] = {fresh(s.A[i][j])}" for i in range(n) for j in range(n)]
@@ -360,9 +371,17 @@ class Generator:
                 entries += self._direct(fresh, s.q[i], at["TQ"] + (i * n + i) * K)
         refresh = [*fresh_top.lines, *fresh.lines, *entries, "discretise(w, dt)", "w[KEY] = dt"]
         refresh += [f"w[KEY + {i + 1}] = u0[{v}]" for i, v in enumerate(s.varying)]
-        lines = [f"if {' or '.join(key)}:", *indent(refresh)]
+        lines = [f"if {' or '.join(key)}:", *indent(refresh), "advance(w, c, dt, u0, u1)"]
+        if K:
+            lines += ["propagate_covariance_tangents(w)"]
+        return [*lines, *self._propagate_covariance(), "return 1"]
+
+    def _advance(self) -> list[str]:
+        """The state alone, with its tangents; the covariance may have settled."""
+        n, K = self.n, self.K
+        top, middle = self._scopes("u0")
         drive = self._drive(middle, "0")
-        lines += [*top.lines, *middle.lines, *drive]
+        lines = [*top.lines, *middle.lines, *drive]
         if self.variant.hold == "first":
             after_top, after = self._scopes("u1")
             after.prefix = "a"
@@ -372,8 +391,8 @@ class Generator:
             if K:
                 lines += [f"for k in range({n * K}):", "    w[TC1 + k] = (w[TC1 + k] - w[TC0 + k]) / dt"]
         if K:
-            lines += ["propagate_tangents(w)"]
-        return [*lines, *self._propagate(), "return 1"]
+            lines += ["propagate_state_tangents(w)"]
+        return [*lines, *self._propagate_state()]
 
     def _drive(self, scope: Scope, which: str) -> list[str]:
         values = [f"w[C{which} + {i}] = {scope(c)}" for i, c in enumerate(self.s.c)]
@@ -383,8 +402,8 @@ class Generator:
         direct = [line for i, c in enumerate(self.s.c) for line in self._direct(scope, c, base + i * self.K)]
         return [*values, f"for k in range({self.n * self.K}):", f"    w[{base} + k] = 0.0", *direct]
 
-    def _propagate(self) -> list[str]:
-        """x+ = Ad x + Ph c (+ Ph2 dc), P+ = Ad P Ad' + Qd, unrolled."""
+    def _propagate_state(self) -> list[str]:
+        """x+ = Ad x + Ph c (+ Ph2 dc), unrolled."""
         n, r = self.n, range(self.n)
         lines = [f"a{i}_{j} = w[AD + {i * n + j}]" for i in r for j in r]
         lines += [f"x{i} = w[{i}]" for i in r] + [f"c_{i} = w[C0 + {i}]" for i in r]
@@ -393,6 +412,12 @@ class Generator:
             if self.variant.hold == "first":
                 total += "".join(f" + w[PH2 + {i * n + j}] * w[C1 + {j}]" for j in r)
             lines.append(f"w[X + {i}] = {total}")
+        return lines
+
+    def _propagate_covariance(self) -> list[str]:
+        """P+ = Ad P Ad' + Qd, unrolled."""
+        n, r = self.n, range(self.n)
+        lines = [f"a{i}_{j} = w[AD + {i * n + j}]" for i in r for j in r]
         lines += [f"p{k} = w[P + {k}]" for k in range(self.nz - n)]
         lines += [f"m{i}_{j} = " + " + ".join(f"a{i}_{k} * p{self.pk(k, j)}" for k in r) for i in r for j in r]
         for i in r:
@@ -402,7 +427,7 @@ class Generator:
         return lines
 
     # Measurement update
-    def update(self) -> list[str]:
+    def update(self) -> str:
         """Sequential scalar updates, joint linearisation at the prediction; missing outputs are skipped."""
         s, n, q = self.s, self.n, len(self.s.y)
         nonlinear = [any(a.level == Level.STATE for a in row) for row in s.H]
@@ -423,7 +448,27 @@ class Generator:
             body += [f"o[{2 * q + j}] = nan", f"o[{3 * q + j}] = nan", f"if y[{j}] == y[{j}]:", *indent(part)]
         save = [f"w[{i}] = x{i}" for i in range(self.nz)]
         lines = [*top.lines, *head, *middle.lines, *body, *save, "return status"]
-        return ["\n".join(["@jit", "def update(w, c, u, y, o):", *indent(lines)])]
+        return "\n".join(["@jit", "def update(w, c, u, y, o):", *indent(lines)])
+
+    def steady(self) -> str:
+        """The update of a settled filter: gains and variances (and their tangents) are those of the last full one."""
+        s, n, q, K, at = self.s, self.n, len(self.s.y), self.K, self.at
+        lines: list[str] = []
+        for j in range(q if self.freezes else 0):
+            top, middle = self._scopes("u")
+            scope = middle.inner({x.index: f"w[{i}]" for i, x in enumerate(s.x)}, f"v{j}_")
+            expected = scope(s.h[j])
+            tangent: list[str] = []
+            if K:
+                rows = [at["T"] + i * K for i in range(n)]
+                tangent = self.tangent_rows(scope, [-s.h[j]], s.x, rows, at["DE"] + j * K)
+            lines += [*top.lines, *middle.lines, *scope.lines, f"e = y[{j}] - {_wrap(expected)}"]
+            lines += [f"o[{2 * q + j}] = e", f"i = 1.0 / o[{3 * q + j}]", "ei = e * i", *tangent]
+            if K:
+                where = f"{at['G'] + j * n}, {at['DG'] + j * n * K}, {at['DE'] + j * K}, {at['DS'] + j * K}"
+                lines.append(f"state_tangents(w, {where}, i, ei)")
+            lines += [f"w[{i}] += w[{at['G'] + j * n + i}] * ei" for i in range(n)]
+        return "\n".join(["@jit", "def steady(w, c, u, y, o):", *indent([*lines, "return 0"])])
 
     def _variance(self, H: Sequence[Expr], r: Expr) -> Expr:
         n = self.n
@@ -454,13 +499,14 @@ class Generator:
             rows += [at["TXP"] + i * K for i in range(n)] if from_prediction else []
             tangent += self.tangent_rows(scope, [-h], by, rows, at["DE"] + j * K)
             tangent += self.tangent_rows(scope, [variance], by, rows, at["DS"] + j * K)
-            tangent += self.tangent_rows(scope, gains, by, rows, at["DG"])
+            tangent += self.tangent_rows(scope, gains, by, rows, at["DG"] + j * n * K)
         lines = [*scope.lines, *lines]
         lines += ["if not (s > 0.0 and s < inf):", "    return 7"]
         lines += [f"o[{2 * q + j}] = e", f"o[{3 * q + j}] = s", "i = 1.0 / s", "ei = e * i", *tangent]
+        lines += [f"w[{at['G'] + j * n + a}] = g{a}" for a in range(n)]
         if K:
-            lines += [f"w[{at['G']} + {a}] = g{a}" for a in range(n)]
-            lines.append(f"update_tangents(w, {at['G']}, {at['DE'] + j * K}, {at['DS'] + j * K}, i, ei)")
+            where = f"{at['G'] + j * n}, {at['DG'] + j * n * K}, {at['DE'] + j * K}, {at['DS'] + j * K}"
+            lines += [f"state_tangents(w, {where}, i, ei)", f"covariance_tangents(w, {where}, i)"]
         lines += [f"x{i} = x{i} + g{i} * ei" for i in range(n)]
         for a in range(n):
             lines.append(f"gi = g{a} * i")

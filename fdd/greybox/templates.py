@@ -145,8 +145,8 @@ def discretise(w, dt):
         h *= 2.0'''
 
 _PROPAGATE = '''@jit
-def propagate_tangents(w):
-    """Tangents of x+ = Ad x + Ph c0 + Ph2 c1 and of P+ = Ad P Ad' + Qd, before the values themselves move."""
+def propagate_state_tangents(w):
+    """Tangents of x+ = Ad x + Ph c0 + Ph2 c1, before the values themselves move."""
     for i in range(N):
         r = TN + i * K
         for k in range(K):
@@ -166,6 +166,13 @@ def propagate_tangents(w):
             if FIRST:
                 for k in range(K):
                     w[r + k] += w[TPH2 + t + k] * d + ph2 * w[TC1 + j * K + k]
+    for k in range(N * K):
+        w[T + k] = w[TN + k]
+
+
+@jit
+def propagate_covariance_tangents(w):
+    """Tangents of P+ = Ad P Ad' + Qd, before the values themselves move."""
     for i in range(N):
         for j in range(N):
             r = TM + (i * N + j) * K
@@ -199,30 +206,60 @@ def propagate_tangents(w):
                 for k in range(K):
                     w[r + k] += w[u + k] * a + x * w[v + k]
             s += 1
-    for k in range(NZ * K):
+    for k in range(N * K, NZ * K):
         w[T + k] = w[TN + k]'''
 
 _UPDATE = '''@jit
-def update_tangents(w, g, de, ds, i, ei):
-    """Tangents of x + g e / s and of P - g g' / s, from those of g, e and s; i = 1 / s, ei = e / s."""
-    row = T
+def state_tangents(w, g, dg, de, ds, i, ei):
+    """Tangents of x + g e / s from those of g, e and s; i = 1 / s, ei = e / s."""
     for a in range(N):
+        row = T + a * K
         ga = w[g + a] * i
         gs = ga * ei
-        p = DG + a * K
+        p = dg + a * K
         for k in range(K):
             w[row + k] += ei * w[p + k] + ga * w[de + k] - gs * w[ds + k]
-        row += K
+
+
+@jit
+def covariance_tangents(w, g, dg, de, ds, i):
+    """Tangents of P - g g' / s."""
+    row = T + N * K
     for a in range(N):
         ga = w[g + a] * i
-        p = DG + a * K
+        p = dg + a * K
         for b in range(a, N):
             gb = w[g + b] * i
             gs = ga * gb
-            q = DG + b * K
+            q = dg + b * K
             for k in range(K):
                 w[row + k] += gs * w[ds + k] - gb * w[p + k] - ga * w[q + k]
             row += K'''
+
+_SETTLED = '''@jit
+def settled(w):
+    """Whether the predicted covariance and its tangents are those of the sample before, to rounding; remembers them."""
+    size = NZ - N
+    big = 0.0
+    far = 0.0
+    for i in range(size):
+        d = fabs(w[P + i] - w[LAST + i])
+        far = d if d > far else far
+        big = fabs(w[P + i]) if fabs(w[P + i]) > big else big
+        w[LAST + i] = w[P + i]
+    same = far <= 1e-14 * big
+    for k in range(K):
+        big = 0.0
+        far = 0.0
+        for i in range(size):
+            a = w[T + (N + i) * K + k]
+            d = fabs(a - w[LAST + size + i * K + k])
+            far = d if d > far else far
+            big = fabs(a) if fabs(a) > big else big
+            w[LAST + size + i * K + k] = a
+        if far > 1e-12 * big:
+            same = False
+    return same'''
 
 _RUN = '''@jit
 def run(dt, u, y, p, x0, P0, c, w, nsub, huber, out, path, grad, info):
@@ -242,8 +279,10 @@ def run(dt, u, y, p, x0, P0, c, w, nsub, huber, out, path, grad, info):
         grad[k] = 0.0
         for m in range(NP):
             info[k, m] = 0.0
+    PREPARE_FREEZE
     for s in range(u.shape[0]):
         if s > 0:
+            FREEZE_CHECK
             n = predict(w, c, dt[s - 1], u[s - 1], u[s], nsub[s - 1])
             if n < 0:
                 return inf, 8, s
@@ -251,9 +290,7 @@ def run(dt, u, y, p, x0, P0, c, w, nsub, huber, out, path, grad, info):
         if path.shape[0] > 0:
             for i in range(NZ):
                 path[s, i] = w[i]
-        status = update(w, c, u[s], y[s], out[s])
-        if status != 0:
-            return inf, status, s
+        UPDATE_STEP
         if path.shape[0] > 0:
             for i in range(NZ):
                 path[s, NZ + i] = w[i]
@@ -365,11 +402,56 @@ def discretise(tangents: bool) -> str:
     return "\n\n\n".join([product, _DISCRETISE, *([_PROPAGATE] if tangents else [])])
 
 
-def loops(tangents: bool) -> str:
+def loops(tangents: bool, freezes: bool) -> str:
     """The loop over a record and the loop over components."""
-    run = _RUN.replace("ACCUMULATE", _ACCUMULATE if tangents else "pass")
+    run = _frozen(_RUN) if freezes else _plain(_RUN)
+    run = run.replace("ACCUMULATE", _ACCUMULATE if tangents else "pass")
     bank = _BANK.replace("SCORE", _SCORE if tangents else "").rstrip()
-    return f"{run}\n\n\n{bank}"
+    return "\n\n\n".join([*([_SETTLED] if freezes else []), run, bank])
+
+
+_FULL = """status = update(w, c, u[s], y[s], out[s])
+        if status != 0:
+            return inf, status, s"""
+
+
+def _plain(run: str) -> str:
+    run = run.replace("    PREPARE_FREEZE\n", "").replace("            FREEZE_CHECK\n", "")
+    return run.replace("UPDATE_STEP", _FULL)
+
+
+def _frozen(run: str) -> str:
+    """Once covariance and gains have settled, only the state moves, until sampling or outputs change."""
+    predict = """n = predict(w, c, dt[s - 1], u[s - 1], u[s], nsub[s - 1])
+            if n < 0:
+                return inf, 8, s
+            nsub[s - 1] = n"""
+    choose = """full = True
+            for j in range(NY):
+                if not (y[s, j] == y[s, j]):
+                    full = False
+            if frozen and full and w[KEY] == dt[s - 1]:
+                advance(w, c, dt[s - 1], u[s - 1], u[s])
+                nsub[s - 1] = 1
+            else:
+                n = predict(w, c, dt[s - 1], u[s - 1], u[s], nsub[s - 1])
+                nsub[s - 1] = n
+                same = settled(w)
+                frozen = False
+                calm = calm + 1 if same and full and path.shape[0] == 0 else 0"""
+    update = """if frozen:
+            for j in range(NY):
+                out[s, j] = nan
+                out[s, NY + j] = nan
+                out[s, 3 * NY + j] = out[s - 1, 3 * NY + j]
+            steady(w, c, u[s], y[s], out[s])
+        else:
+            status = update(w, c, u[s], y[s], out[s])
+            if status != 0:
+                return inf, status, s
+            frozen = calm >= 2"""
+    run = run.replace("PREPARE_FREEZE", "frozen = False\n    calm = 0").replace("            FREEZE_CHECK\n", "")
+    return run.replace(predict, choose).replace("UPDATE_STEP", update)
 
 
 def update(tangents: bool) -> str:

@@ -148,3 +148,23 @@ def test_filterpy_gives_the_same_likelihood_for_the_radiator() -> None:
     short = Data(d.t[:200], d.u[:200], d.y[:200])
     values = np.array(list(p.values()))
     assert Likelihood(m, short, substeps=4).value(values) == pytest.approx(total, rel=1e-9)
+
+
+def test_a_settled_filter_is_the_full_one_and_wakes_up() -> None:
+    """Missing outputs and a longer step in the middle of a record, against the pass that keeps everything."""
+    d, m = kernel_record("building"), problems.building()
+    y, t = d.y.copy(), d.t.copy()
+    y[1500:1503, 0] = np.nan
+    t[2000:] += 1 / 3
+    record, values = Data(t, d.u, y), np.array([q.typical for q in m.parameters])
+    likelihood = Likelihood(m, record)
+    path = likelihood.paths(values)[0]  # keeping a path never settles
+    z = path.standardised
+    full = 0.5 * float(np.nansum(z**2 + np.log(path.innovation_variance) + np.log(2 * np.pi)))
+    e = likelihood.evaluate(values)
+    assert likelihood.value(values) == pytest.approx(full, rel=1e-12)
+    assert e.value == pytest.approx(full, rel=1e-12)
+    step = 1e-6
+    for k in (0, 7, 11, 14):
+        ends = [likelihood.value(values * (1 + sign * step * (np.arange(15) == k))) for sign in (1, -1)]
+        assert e.gradient[k] == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-5, abs=1e-2)
