@@ -22,7 +22,7 @@ demo: $(READY)   ## Simulate a plant, stream it through the daemon, raise the al
 	$(BIN)/fdd demo
 
 test: $(READY)   ## Run the default test suite
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 test-slow: $(READY)  ## Run the slow statistical tests as well
 	$(BIN)/python -m pytest -m slow --timeout 1800

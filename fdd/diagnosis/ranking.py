@@ -14,6 +14,8 @@ from fdd.records import Alarm, JsonObject
 
 # Each sign that agrees multiplies a cause's odds by this, each that does not divides them.
 WEIGHT = 3.0
+# Sign of a signature that may go either way, such as that of a stuck sensor.
+EITHER = 0
 # A parameter with less than this share of the strongest one's evidence may only be its shadow.
 SHADOW = 0.5
 
@@ -78,7 +80,7 @@ def _judge(fault: Fault, signs: _Signs) -> JsonObject:
         if seen is None:
             continue
         word = f"{symbol} is {'above' if seen > 0 else 'below'} what the model expects"
-        if seen == expected:
+        if expected in (seen, EITHER):
             odds *= WEIGHT
             agree.append(word)
         else:

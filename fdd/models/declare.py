@@ -60,7 +60,8 @@ class Parameter(Quantity):
 class Fault:
     """A fault the component can show, and through what.
 
-    ``shows`` maps a parameter to the sign of its change (+1, -1), or ``"innovation:OUTPUT"`` to the sign of the mean.
+    ``shows`` maps a parameter to the sign of its change (+1, -1, or 0 for either), or ``"innovation:OUTPUT"`` to the
+    sign of the mean.
     """
 
     name: str

@@ -119,10 +119,13 @@ def _parameters(envelope: bool, heater: bool) -> tuple[Parameter, ...]:
             Parameter("R_ih", "K/W", "resistance from indoors to the heater", 2e-3, 1e-8, 10.0, f"{PAPER}, Tab. 2"),
         ]
     table.append(Parameter("A_w", "m^2", "effective window area", 5.0, 1e-3, 1e5, f"{PAPER}, Tab. 2"))
-    nodes = [("i", "indoors")] + [("e", "the envelope")] * envelope + [("h", "the heater")] * heater
+    # A light heater is disturbed most: its heat capacity is small.
+    nodes = [("i", "indoors", 1e-3)] + [("e", "the envelope", 1e-3)] * envelope + [("h", "the heater", 0.05)] * heater
     table += [
-        Parameter(f"sigma_{s}", "K/s^0.5", f"process noise of {name}", 1e-3, 1e-8, 1.0, f"{PAPER}, Eq. 1", kind="noise")
-        for s, name in nodes
+        Parameter(
+            f"sigma_{s}", "K/s^0.5", f"process noise of {name}", rough, 1e-8, 1.0, f"{PAPER}, Eq. 1", kind="noise"
+        )
+        for s, name, rough in nodes
     ]
     table.append(
         Parameter(
@@ -151,13 +154,19 @@ def _faults(envelope: bool) -> tuple[Fault, ...]:
         Fault(
             "heater",
             "the heater gives off less than its meter says",
-            {"innovation:T_in": -1},
+            {"innovation:T_in": -1, "C_i": 1},
             ("compare the heat meter with the flow and temperatures at the heater",),
         ),
         Fault(
             "bias",
             "the indoor sensor reads wrong by a constant",
-            {"innovation:T_in": 1},
+            {"innovation:T_in": 0},
             ("compare the sensor with a hand-held one", "look whether sun or a heat source reaches it"),
+        ),
+        Fault(
+            "stuck",
+            "the indoor sensor keeps its last value",
+            {"innovation:T_in": 0, "C_i": 1, **({"C_e": 1, "R_ie": -1} if envelope else {})},
+            ("look whether the reading changes at all", "warm the sensor with a hand: it must follow within minutes"),
         ),
     )

@@ -9,6 +9,9 @@ from fdd.models.registry import MODELS, get_model
 from fdd.records import JsonObject
 
 
+WAYS = {1: "up", -1: "down", 0: "either way"}
+
+
 def catalogue() -> list[JsonObject]:
     """One row a model, with its options and their defaults."""
     return [
@@ -31,7 +34,7 @@ def describe(name: str) -> JsonObject:
         {
             "name": f.name,
             "meaning": f.meaning,
-            "shows": ", ".join(f"{k} {'up' if v > 0 else 'down'}" for k, v in f.shows.items()),
+            "shows": ", ".join(f"{k} {WAYS[v]}" for k, v in f.shows.items()),
         }
         for f in model.faults
     ]

@@ -156,7 +156,9 @@ class Engine:
             "direction": int(v.direction[i]),
             **self._charts.estimate(i, int(v.onset_age[i])),
         }
-        since = time - int(v.onset_age[i]) * self.plan.step
+        # A chart cannot have seen anything before its component was last started.
+        judged = max(g.judged_since(stream.component) for g in self._groups)
+        since = max(time - int(v.onset_age[i]) * self.plan.step, judged)
         return Ring(stream.component, stream.name, stream.point, since, evidence)
 
     def _is_normal(self, component: str, step: ChartStep) -> bool:

@@ -112,6 +112,12 @@ class FilterGroup:
             information=step.information,
         )
 
+    def judged_since(self, component: str) -> int:
+        """Event time [ns] at which a component's charts last began to see; far back for one of another group."""
+        return max(
+            (int(q) for c, q in zip(self.components, self._quiet, strict=True) if c.name == component), default=NEVER
+        )
+
     def _hold_inputs(self, time: int, values: FloatArray) -> tuple[FloatArray, BoolArray]:
         fresh_values = values[self._inputs]
         fresh = np.isfinite(fresh_values)

@@ -6,11 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from fdd.greybox.fit import fit
 from fdd.greybox.likelihood import Data
 from fdd.greybox.results import FitResult
-from fdd.records import NANOSECONDS, Baseline, JsonObject
+from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
 from fdd.residual_monitors.whiten import Whitener
 from fdd.service.charting import SCORE_BLOCK
 from fdd.service.filters import FilterGroup, GroupStep
@@ -26,6 +27,8 @@ class IdentifyError(ValueError):
 SAMPLES_PER_PARAMETER = 10
 # Second order is enough for what a nearly right model leaves: a relaxation and an overshoot.
 COLOUR_ORDER = 2
+# Frames in a window over which the spread is taken to be steady: an hour at five minutes.
+WINDOW = 12
 # A spread from fewer blocks would say more of chance than of the model.
 FEWEST_BLOCKS = 8
 
@@ -94,9 +97,7 @@ def healthy_steps(plan: Plan, component: Component, baseline: Baseline, history:
 def innovation_statistics(component: Component, steps: Sequence[GroupStep]) -> dict[str, JsonObject]:
     """What is left of each output's standardised innovations on the baseline: mean, colour and spread.
 
-    Where they are coloured beyond chance, an autoregression (``ar``) takes the colour out before they are charted. The
-    spread is the larger of the standard deviation and the interquartile one: heavy shoulders or heavy tails, a chart
-    that is fed with these values keeps its promise only if neither is understated.
+    Where they are coloured beyond chance, an autoregression (``ar``) takes the colour out before they are charted.
     """
     z = np.array([s.standardised[0] for s in steps])
     found: dict[str, JsonObject] = {}
@@ -109,15 +110,27 @@ def innovation_statistics(component: Component, steps: Sequence[GroupStep]) -> d
         whitener.scale[:] = 1.0
         white = np.array([whitener.update(row)[0] for row in column[:, None]])
         white = white[np.isfinite(white)]
-        low, high = np.percentile(white, [25, 75])
         found[quantity.symbol] = {
             "mean": float(whitener.mean[0]),
             "ar": whitener.coefficients[0].tolist(),
-            "sd": float(max(white.std(), (high - low) / 1.349)),
+            "sd": honest_spread(white),
             "lag1": lag1,
             "samples": len(seen),
         }
     return found
+
+
+def honest_spread(values: FloatArray) -> float:
+    """Standard deviation that understates neither shoulders, nor tails, nor the worst hours.
+
+    A model errs more while the sun shines than at night. A chart that is fed with one scale keeps its promise only if
+    the scale is that of the bad hours: the 95 % quantile of the spread of short windows, over what white noise has.
+    """
+    low, high = np.percentile(values, [25, 75])
+    n = len(values) // WINDOW
+    windows = np.sqrt(np.mean(np.square(values[: n * WINDOW].reshape(n, WINDOW)), axis=1)) if n else np.ones(1)
+    white = np.sqrt(chi2.ppf(0.95, WINDOW) / WINDOW)
+    return float(max(values.std(), (high - low) / 1.349, np.percentile(windows, 95) / white))
 
 
 def chance(samples: int) -> float:
