@@ -237,6 +237,52 @@ def report(
         out.print(str(path), soft_wrap=True)
 
 
+@app.command(epilog=example("fdd reidentify plant.yaml", "fdd reidentify plant.yaml --only hx --propose --json"))
+def reidentify(
+    site_file: SiteFile,
+    only: Annotated[list[str] | None, typer.Option(help="This equipment only; may be repeated.")] = None,
+    until: Until = None,
+    days: Annotated[float, typer.Option(help="How many days the history reaches back.", min=1.0)] = 28.0,
+    propose: Annotated[bool, typer.Option("--propose", help="Keep what passes for a person to approve.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Fit baselines anew from the store; put in force what passes every gate, and never learn a fault."""
+    from fdd.service.reidentify import reidentify_site
+
+    found = reidentify_site(site_file, only=only, until=until, days=days, propose_only=propose, console=screen)
+    if as_json:
+        _print_json(found.document())
+    else:
+        found.print(out)
+
+
+@app.command(epilog=example("fdd baselines plant.yaml", "fdd baselines plant.yaml --rollback hx 1"))
+def baselines(
+    site_file: SiteFile,
+    rollback: Annotated[
+        tuple[str, int] | None, typer.Option(help="Put this version of this equipment in force again.")
+    ] = None,
+    approve: Annotated[tuple[str, int] | None, typer.Option(help="Put this version in force and vouch for it.")] = None,
+    by: By = USER,
+    as_json: AsJson = False,
+) -> None:
+    """List the baselines that were kept; roll back to one, or approve one."""
+    from fdd.service.versions import change_baseline, list_baselines
+
+    if rollback or approve:
+        said = change_baseline(site_file, rollback=rollback, approved=approve, by=by)
+        if not as_json:
+            out.print(said, soft_wrap=True)
+    found = list_baselines(site_file)
+    if as_json:
+        _print_json({"baselines": found})
+        return
+    table = Table("equipment", "version", "status", "from", "until", "samples", "why", box=None)
+    for b in found:
+        table.add_row(*[str(b[k]) for k in ("component", "version", "status", "from", "until", "samples", "reason")])
+    out.print(table, soft_wrap=True)
+
+
 @app.command(epilog=example("fdd models", "fdd models radiator"))
 def models(
     name: Annotated[str | None, typer.Argument(help="One model: its equations' quantities and parameters.")] = None,
