@@ -7,7 +7,7 @@ import os
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 # Before numpy is loaded: its threads fight over small matrices, and cost orders of magnitude on a busy machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -218,6 +218,76 @@ def alarms_clear(site_file: SiteFile, key: Key, comment: Comment = "", by: By = 
     from fdd.service.operate import command
 
     out.print(command(site_file, key, "clear", by, comment))
+
+
+@app.command(
+    epilog=example("fdd score plant.yaml history.csv labels.csv", "fdd score plant.yaml h.csv l.csv --html s.html")
+)
+def score(
+    site_file: SiteFile,
+    data: Annotated[Path, typer.Argument(help="CSV or Parquet file.", show_default=False)],
+    labels: Annotated[Path, typer.Argument(help="CSV: component,fault,start,end,severity.", show_default=False)],
+    settle: Annotated[str, typer.Option(help="After a fault's end, when its alarm may still stand: '2 d'.")] = "0 s",
+    html: Annotated[Path | None, typer.Option(help="Write a page with plots here.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Score the alarms against known faults: right and wrong, found and missed, how soon, rightly named."""
+    from fdd.service.scoring import score_site
+    from fdd.units import seconds
+
+    found = score_site(site_file, data, labels, settle=seconds(settle), console=screen)
+    if html:
+        found.write(html)
+    if as_json:
+        _print_json(found.document())
+        return
+    found.print(out)
+    if html:
+        screen.print(f"page: {html}")
+
+
+charts = typer.Typer(no_args_is_help=True, help="Control charts: their limits, and how soon they find what.")
+app.add_typer(charts, name="charts", epilog=example("fdd charts design --kind cusum --per-year 1 --interval '5 min'"))
+
+
+@charts.command("design", epilog=example("fdd charts design", "fdd charts design --kind ewma --plot delay.svg"))
+def charts_design(
+    kind: Annotated[list[str] | None, typer.Option(help="cusum, ewma, mewma, shewhart; may be repeated.")] = None,
+    per_year: Annotated[float, typer.Option(help="False alarms a year of one chart.")] = 1.0,
+    interval: Annotated[list[str] | None, typer.Option(help="Time between samples: '5 min'; may be repeated.")] = None,
+    k: Annotated[float, typer.Option(help="Reference value of a CUSUM.")] = 0.5,
+    lam: Annotated[float, typer.Option(help="Weight of the newest value, EWMA and MEWMA.")] = 0.1,
+    baseline: Annotated[int | None, typer.Option(help="Samples of the baseline; widens the limit.")] = None,
+    availability: Annotated[float, typer.Option(help="Share of the year with samples.")] = 1.0,
+    plot: Annotated[Path | None, typer.Option(help="Write delay against shift here: .svg, .png or .pdf.")] = None,
+    html: Annotated[Path | None, typer.Option(help="Write a page with table and plot here.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Limits for a promised rate of false alarms, and how soon a shift is then found."""
+    from fdd.residual_monitors.design import design_plot, design_table
+    from fdd.residual_monitors.run_length import Kind
+    from fdd.service.chart_design import designs, document, write_design_page
+    from fdd.units import seconds
+
+    every = [seconds(text) for text in interval or ["5 min"]]
+    found = designs(
+        cast(list[Kind], kind or ["cusum"]), per_year, every, baseline=baseline, availability=availability, k=k, lam=lam
+    )
+    if plot:
+        design_plot(found, plot)
+    if html:
+        write_design_page(found, html)
+    if as_json:
+        _print_json(document(found))
+        return
+    head, rows = design_table(found)
+    table = Table(*head, box=None)
+    for row in rows:
+        table.add_row(*row)
+    out.print(table, soft_wrap=True)
+    for path in (plot, html):
+        if path:
+            screen.print(f"written: {path}")
 
 
 @app.command(epilog=example("fdd report plant.yaml --out report.html", "fdd report plant.yaml --pdf report.pdf"))
