@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fdd.records import Alarm, AlarmState, Baseline
+from fdd.report.chillers import MODEL as CHILLER
+from fdd.report.chillers import ChillerSection, chiller_section
 from fdd.report.evidence import Catalogue, Evidence, latest, load
 from fdd.report.findings import URGENCY, Finding, alarm_of, finding, order
 from fdd.report.monitoring import (
@@ -84,6 +86,7 @@ class Report:
     baselines: tuple[BaselineInForce, ...]
     budget: Budget | None
     counts: tuple[Count, ...]
+    chillers: tuple[ChillerSection, ...] = ()
 
     @property
     def status(self) -> str:
@@ -163,6 +166,8 @@ def _assemble(
     cleared = [a for a in alarms if a.state is AlarmState.CLEARED and a.updated >= start]
     pages: dict[str, Finding] = {}
     watches: list[Watch] = []
+    chillers: list[ChillerSection] = []
+    in_force = _in_force(store, site, versions)
     for name in dict.fromkeys([*site.components, *(a.component for a in standing)]):
         own = [a for a in standing if a.component == name]
         first = min([start, *(a.since - LEAD for a in own)])
@@ -170,8 +175,11 @@ def _assemble(
         pages |= {a.key: finding(a, site, evidence, suppressed, end) for a in own}
         if name in site.components:
             watches.append(watch(name, site.components[name], evidence, start, end))
+        reference = in_force.get(name)
+        if reference is not None and reference.model == CHILLER:
+            told = [pages[a.key] for a in own]
+            chillers.append(chiller_section(store, site, reference, evidence, told, start, end))
     findings = tuple(pages[a.key] for a in standing)
-    in_force = _in_force(store, site, versions)
     blind = [gap for w in watches for gap in unmonitored(w, in_force.get(w.component), site, start, end)]
     troubled = {a.component for a in (*standing, *suppressed)} | {u.name for u in blind if u.what == "everything"}
     return Report(
@@ -187,6 +195,7 @@ def _assemble(
         baselines=tuple(_baseline(b, site, len(versions[name])) for name, b in in_force.items()),
         budget=budget(alarms, watches, site, start, end),
         counts=counts(store, end),
+        chillers=tuple(chillers),
     )
 
 

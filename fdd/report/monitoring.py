@@ -10,12 +10,16 @@ import numpy as np
 from fdd.records import NANOSECONDS, Alarm, AlarmState, Baseline
 from fdd.report.evidence import ALARM, LEARNING, QUIET, Evidence, step_of
 from fdd.report.site import ComponentInfo, SiteInfo
-from fdd.report.words import COUNTS, DAY, duration, local, percent, quantity
+from fdd.report.words import COUNTS, DAY, duration, local, percent, quantity, split_chart
 from fdd.residual_monitors.budget import Realised, realised
 from fdd.store.store import Store
 
 ENOUGH = 0.8
 """A component watched for less of the period than this is reported as not fully monitored."""
+
+
+SLOW = {"daily": DAY, "weekly": 7 * DAY}
+"""How often charts judge that do not judge with every step, by kind [ns]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +35,8 @@ class Watch:
     """Event time of the last prediction [ns]."""
     fit: tuple[tuple[str, str], ...]
     """Each output's meaning, and its typical one-step error with unit."""
+    patience: int = DAY
+    """Silence longer than this is told [ns]; a chiller's day is judged when it is over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +75,13 @@ class Count:
 
 def watch(name: str, info: ComponentInfo, evidence: Evidence, start: int, end: int) -> Watch:
     """How far a component was watched from ``start`` to ``end`` [ns]."""
-    frames = max(1.0, (end - start) / step_of(evidence))
     judged, learning = [], []
-    for chart in evidence.charts.values():
+    kinds = {name: split_chart(name)[1] for name in evidence.charts}
+    for name_, chart in evidence.charts.items():
+        interval = SLOW.get(kinds[name_], step_of(evidence))
+        if interval > max(end - start, DAY):
+            continue
+        frames = max(1.0, (end - start) / interval)
         part = chart.between(start, end)
         judged.append(np.count_nonzero((part.phase == QUIET) | (part.phase == ALARM)) / frames)
         learning.append(np.count_nonzero(part.phase == LEARNING) / frames)
@@ -84,7 +94,8 @@ def watch(name: str, info: ComponentInfo, evidence: Evidence, start: int, end: i
             if np.isfinite(residual).any():
                 error = float(np.sqrt(np.nanmean(residual**2)))
                 fit.append((output.meaning, quantity(error, output.unit, difference=True)))
-    return Watch(name, info, _mean(judged), _mean(learning), max(times, default=None), tuple(fit))
+    patience = 2 * DAY if "daily" in kinds.values() else DAY
+    return Watch(name, info, _mean(judged), _mean(learning), max(times, default=None), tuple(fit), patience)
 
 
 def _mean(shares: Sequence[float]) -> float:
@@ -119,7 +130,7 @@ def _reason(w: Watch, baseline: Baseline | None, site: SiteInfo, start: int, end
         return "everything", "there were no usable data in this period: no reading could be predicted", data
     if w.watched == 0 and w.learning > 0:
         return "everything", "its charts are still learning what is normal", "Wait; nothing has to be done."
-    if end - w.last > DAY:
+    if end - w.last > w.patience:
         silent = f"no usable data since {local(w.last, site.tz)} ({duration(end - w.last)})"
         return "the end of the period", silent, data
     if w.watched < ENOUGH:

@@ -31,6 +31,8 @@ CHART_KINDS = {
     "score": "parameter drift chart (score CUSUM)",
     "nis": "joint chart (normalised innovation squared)",
     "mewma": "joint trend chart (MEWMA)",
+    "daily": "daily drift chart (CUSUM)",
+    "weekly": "weekly drift chart (CUSUM)",
     "whiteness": "pattern chart (whiteness)",
 }
 

@@ -9,11 +9,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from fdd.chiller_eiv.steady_state import steady_points
 from fdd.config import Finding, check_site, load_site
 from fdd.records import JsonObject
+from fdd.service.chiller_fit import chiller_data
 from fdd.service.feed import Feed
 from fdd.service.history import History, read_history, runs
 from fdd.service.opened import Opened, open_site
+from fdd.service.plan import Chiller
 
 
 @dataclass
@@ -54,10 +57,7 @@ class CheckResult:
                 table.add_row(*[f"{v:.5g}" if isinstance(v, float) else str(v) for v in row.values()])
             console.print(table)
         for row in self.components:
-            console.print(
-                f"{row['equipment']}: {row['usable frames']} of {row['frames']} frames usable, in {row['runs']} run(s)",
-                highlight=False,
-            )
+            console.print(_row_words(row), highlight=False, soft_wrap=True)
         lost = {k: n for k, n in self.counts.items() if n and k != "accepted"}
         if lost:
             console.print("rejected or odd: " + ", ".join(f"{k} {n}" for k, n in lost.items()), highlight=False)
@@ -104,4 +104,26 @@ def _component_rows(opened: Opened, history: History) -> list[JsonObject]:
         found = runs(opened.plan, component, history)
         usable = sum(len(r.time) for r in found)
         rows.append({"equipment": component.name, "frames": len(history), "usable frames": usable, "runs": len(found)})
-    return rows
+    return rows + [_chiller_row(opened, chiller, history) for chiller in opened.plan.chillers]
+
+
+def _chiller_row(opened: Opened, chiller: Chiller, history: History) -> JsonObject:
+    data = chiller_data(opened.plan, chiller, history)
+    limits, rated = chiller.config.steady, chiller.config.rated_load
+    points, report = steady_points(data.time, data.raw, chiller.config.instruments, rated_load=rated, limits=limits)
+    rejected = {k: n for k, n in report.counts().items() if n and k != "kept"}
+    return {
+        "equipment": chiller.name,
+        "frames": len(history),
+        "usable frames": int(points.samples.sum()),
+        "steady points": len(points),
+        "rejected": rejected,
+    }
+
+
+def _row_words(row: JsonObject) -> str:
+    usable = f"{row['equipment']}: {row['usable frames']} of {row['frames']} frames usable"
+    if "runs" in row:
+        return f"{usable}, in {row['runs']} run(s)"
+    rejected = ", ".join(f"{k} {n}" for k, n in row["rejected"].items())
+    return f"{usable}, in {row['steady points']} steady point(s); rejected: {rejected or 'none'}"

@@ -10,7 +10,7 @@ from fdd.report.render import findings_csv, findings_json, write_report
 from fdd.report.site import ComponentInfo, OutputInfo, ParameterInfo, SiteInfo
 from fdd.service.errors import UsageError
 from fdd.service.opened import Opened, open_site
-from fdd.service.plan import Component
+from fdd.service.plan import Chiller, Component
 
 
 def site_info(opened: Opened) -> SiteInfo:
@@ -20,8 +20,31 @@ def site_info(opened: Opened) -> SiteInfo:
         name=site.name,
         zone=site.zone,
         false_alarms_per_year=site.false_alarms_per_year,
-        components={c.name: _component_info(site, c) for c in opened.plan.components},
+        components={c.name: _info(site, c) for c in opened.plan.watched},
         tariffs=site.tariffs.model_dump(),
+    )
+
+
+# What the parameters of a chiller mean, with their SI unit.
+_CHILLER = {
+    "dS": ParameterInfo("W/K", "internal entropy production"),
+    "Q_leak": ParameterInfo("W", "heat leak"),
+    "R": ParameterInfo("K/W", "heat-exchanger resistance"),
+    "R_flow": ParameterInfo("K/W", "part of the resistance that goes with the condenser flow"),
+    "dS_speed": ParameterInfo("W/K", "part of the entropy production that goes with speed"),
+}
+
+
+def _info(site: Site, watched: Component | Chiller) -> ComponentInfo:
+    return _chiller_info(site, watched) if isinstance(watched, Chiller) else _component_info(site, watched)
+
+
+def _chiller_info(site: Site, chiller: Chiller) -> ComponentInfo:
+    equipment = site.equipment[chiller.name]
+    # "power" is its own meaning: findings say the word, which no symbol may replace.
+    outputs = {"power": OutputInfo(chiller.inputs["power"], "W", "power")}
+    return ComponentInfo(
+        equipment.title or chiller.name, "Chiller (Gordon-Ng)", outputs, dict(_CHILLER), equipment.location
     )
 
 

@@ -1,0 +1,411 @@
+"""A simulated chiller from CSV in American units: declared in a site file, fitted, replayed, and reported on."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from fdd.chiller_eiv.gate import GateLimits
+from fdd.chiller_eiv.simulate import LAB_CHILLER, operate, raw_week
+from fdd.records import Alarm, AlarmState, Baseline, Batch
+from fdd.report.render import write_report
+from fdd.service.alarms import Command, alarm_to_document
+from fdd.service.baselines import accept, in_force
+from fdd.service.check import check_all
+from fdd.service.checkpoint import Checkpoint, decode, encode
+from fdd.service.chiller_fit import FittedChiller, learn_chiller
+from fdd.service.chiller_study import study_site
+from fdd.service.daemon import Daemon
+from fdd.service.engine import Engine, EngineError, Outputs
+from fdd.service.errors import UsageError
+from fdd.service.feed import Feed
+from fdd.service.fitting import fit_site, read_span
+from fdd.service.identify import IdentifyError
+from fdd.service.opened import Opened, open_site
+from fdd.service.replay import ReplayResult, ready_engine, replay_site
+from fdd.service.reporting import site_info
+from fdd.store.store import StoreConfig, open_store
+
+DAY = 86_400 * 10**9
+START = 20_000 * DAY
+BASE, DAYS, ONSET = 70, 119, 84
+QUIET = Console(quiet=True)
+
+SITE = """
+name: Laboratory
+step: 15 min
+tariffs: {currency: EUR, electricity: 0.2}
+store: {kind: sqlite, path: lab.sqlite}
+source: {kind: csv, path: data.csv, batch_rows: 1000, time: {column: time}}
+points:
+  T_cdi: {unit: degF, sensor_sd: 0.09}
+  T_chi: {unit: degF, sensor_sd: 0.09}
+  T_cho: {unit: degF, sensor_sd: 0.09}
+  T_cdo: {unit: degF}
+  T_sat: {unit: degF}
+  flow: {unit: gpm, fluid: 1000 kg/m3}
+  flow_cd: {unit: gpm, fluid: 1000 kg/m3}
+  power: {unit: kW}
+  enabled: {unit: on/off}
+equipment:
+  lab:
+    title: Laboratory chiller
+    location: basement
+    model: gordon_ng
+    inputs: {T_cdi: T_cdi, T_cdo: T_cdo, T_chi: T_chi, T_cho: T_cho, flow_ch: flow, flow_cd: flow_cd, T_sat_cd: T_sat,
+             power: power}
+    when: enabled > 0.5
+    options:
+      rated_load: 10.5e3
+      errors: {flow_ch: {relative: 0.005}, power: {relative: 0.002}}
+      baseline_days: 70
+"""
+
+
+def write_site(folder: Path, rise: float) -> Path:
+    """A site whose heat-exchanger resistance rises by a share on day 84; two days of the record are lost."""
+
+    def fault(day: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        one = np.ones_like(day)
+        return one, 1 + rise * (day >= ONSET), 0 * one
+
+    o = operate(DAYS, 4, noise=0.0, fault=fault, first_day=120)
+    n = DAYS * 96
+    raw = {k: v[::3] for k, v in raw_week(o, 1, samples=DAYS * 288).items()}
+    rng = np.random.default_rng(2)
+    truth = np.repeat(o.truth, 4, axis=0)
+    flow_cd = 0.6 * (1 + 0.005 * rng.standard_normal(n))
+    T_cdo = raw["T_cdi"] + (truth[:, 2] + truth[:, 3]) / 4190 / 0.6
+    resistance = fault(np.arange(n) / 96)[1]
+    T_sat = T_cdo + 2e-4 * truth[:, 2] * resistance + 0.05 * rng.standard_normal(n)
+    table = pd.DataFrame(
+        {
+            "time": pd.to_datetime(START + (np.arange(n) + 1) * 900 * 10**9, utc=True).strftime("%Y-%m-%dT%H:%M:%SZ"),
+            "T_cdi": 32 + 1.8 * raw["T_cdi"],
+            "T_chi": 32 + 1.8 * raw["T_chi"],
+            "T_cho": 32 + 1.8 * raw["T_cho"],
+            "T_cdo": 32 + 1.8 * T_cdo,
+            "T_sat": 32 + 1.8 * T_sat,
+            "flow": raw["flow_ch"] / 0.0630901964,
+            "flow_cd": flow_cd / 0.0630901964,
+            "power": raw["power"] / 1e3,
+            "enabled": np.where((np.arange(n) >= 96 * 40) & (np.arange(n) < 96 * 40 + 30), "off", "on"),
+        }
+    )
+    table = table[(np.arange(n) < 96 * 50) | (np.arange(n) >= 96 * 52)]
+    folder.mkdir(exist_ok=True)
+    table.to_csv(folder / "data.csv", index=False, float_format="%.5f")
+    path = folder / "site.yaml"
+    path.write_text(SITE)
+    return path
+
+
+def date_of(day: float) -> str:
+    return str(pd.Timestamp(START + int(day * DAY), tz="UTC"))
+
+
+def fitted(path: Path) -> FittedChiller:
+    (found,) = fit_site(path, None, since=None, until=date_of(BASE), only=None, html=None, starts=1, console=QUIET)
+    assert isinstance(found, FittedChiller)
+    return found
+
+
+@dataclass(frozen=True)
+class Lab:
+    """A site with a baseline in force, its plan and its whole stream."""
+
+    path: Path
+    opened: Opened
+    baseline: FittedChiller
+    stream: Batch
+
+    def engine(self) -> Engine:
+        return Engine(self.opened.plan, {"lab": self.baseline.baseline})
+
+
+def lab(folder: Path, rise: float) -> Lab:
+    path = write_site(folder, rise)
+    baseline = fitted(path)
+    opened = open_site(path)
+    feed = Feed(opened.site)
+    feed.open()
+    parts = list(feed.batches())
+    feed.close()
+    stream = Batch(
+        parts[0].names,
+        np.concatenate([b.point for b in parts]),
+        np.concatenate([b.time for b in parts]),
+        np.concatenate([b.value for b in parts]),
+        np.concatenate([b.quality for b in parts]),
+    )
+    assert all(b.names == parts[0].names for b in parts)
+    return Lab(path, opened, baseline, stream)
+
+
+@pytest.fixture(scope="module")
+def fouled(tmp_path_factory: pytest.TempPathFactory) -> Lab:
+    return lab(tmp_path_factory.mktemp("fouled"), 0.25)
+
+
+@pytest.fixture(scope="module")
+def well(tmp_path_factory: pytest.TempPathFactory) -> Lab:
+    return lab(tmp_path_factory.mktemp("well"), 0.0)
+
+
+def replayed(site: Lab, verdicts: Path | None = None) -> ReplayResult:
+    return replay_site(site.path, None, since=None, until=None, verdicts=verdicts, console=QUIET)
+
+
+@pytest.fixture(scope="module")
+def outputs(fouled: Lab) -> Outputs:
+    return fouled.engine().step(fouled.stream)
+
+
+def last_alarm(outputs: Outputs) -> Alarm:
+    return outputs.alarms[-1]
+
+
+def test_the_fit_finds_the_machine_behind_the_units(fouled: Lab) -> None:
+    b = fouled.baseline.baseline
+    assert b.parameters["R"] == pytest.approx(LAB_CHILLER.R, rel=0.05)
+    assert b.parameters["dS"] == pytest.approx(LAB_CHILLER.dS, rel=0.05)
+    assert b.diagnostics["reasons"] == [] or b.diagnostics["level"] != "all parameters"
+    assert "lab: " in fouled.baseline.summary()
+    assert "machine off" in fouled.baseline.summary()
+
+
+def test_the_baseline_is_plain_json(fouled: Lab) -> None:
+    b = fouled.baseline.baseline
+    assert json.loads(json.dumps(b.diagnostics)) == b.diagnostics
+
+
+def test_a_healthy_machine_raises_no_alarm(well: Lab) -> None:
+    result = replayed(well)
+    assert result.watched == ["lab"]
+    assert result.alarms == {}
+    assert result.notes == []
+
+
+def test_a_fouled_condenser_is_one_alarm_rightly_named(fouled: Lab) -> None:
+    result = replayed(fouled)
+    (alarm,) = result.alarms.values()
+    assert alarm.component == "lab"
+    assert START + ONSET * DAY < alarm.raised <= START + (ONSET + 14) * DAY
+    assert abs(alarm.since - (START + ONSET * DAY)) <= 3 * DAY
+    assert alarm.summary.startswith("lab: heat-exchanger resistance up 2")
+    assert "condenser side likely" in alarm.summary
+    assert alarm.causes[0]["name"] == "heat-exchanger resistance"
+    assert alarm.causes[0]["likelihood"] > 0.9
+    assert alarm.checks[0] == "flow meter"
+    assert {"lab/power:daily", "lab/R:weekly", "lab/condenser_approach:daily"} <= set(alarm.charts)
+    cost = alarm.evidence["cost_per_day"]
+    assert cost["lower"] < cost["value"] < cost["upper"]
+    assert cost["currency"] == "EUR"
+
+
+def test_verdicts_of_a_chiller_are_written_like_any_other(fouled: Lab, tmp_path: Path) -> None:
+    replayed(fouled, tmp_path / "verdicts.jsonl")
+    lines = [json.loads(line) for line in (tmp_path / "verdicts.jsonl").read_text().splitlines()]
+    phases = {line["phase"] for line in lines if line.get("chart") == "lab/R:weekly"}
+    assert phases == {"quiet", "alarm"}
+
+
+def cells(outputs: list[Outputs]) -> tuple[list[tuple[object, ...]], str]:
+    """Everything that outputs say, whatever batches they came in."""
+    found = []
+    for rows in (r for o in outputs for r in o.rows if r.measurement != "samples"):
+        for i in range(len(rows)):
+            values = tuple(sorted((k, float(v[i]).hex()) for k, v in rows.fields.items()))
+            found.append((rows.measurement, int(rows.time[i]), rows.names[rows.series[i]], values))
+    return sorted(found), json.dumps([alarm_to_document(a) for o in outputs for a in o.alarms])
+
+
+def test_verdicts_are_the_same_in_any_batches_and_across_restarts(fouled: Lab, outputs: Outputs) -> None:
+    cuts = np.sort(np.random.default_rng(7).integers(0, len(fouled.stream), 12)).tolist()
+    engine, got = fouled.engine(), []
+    for start, stop in pairwise([0, *cuts, len(fouled.stream)]):
+        got.append(engine.step(fouled.stream.slice(start, stop)))
+        again = fouled.engine()
+        again.restore_state(decode(encode(engine.export_state())))
+        engine = again
+    assert cells(got) == cells([outputs])
+
+
+def test_an_alarm_stands_until_it_is_cleared_and_rings_again(fouled: Lab) -> None:
+    engine = fouled.engine()
+    at = int(np.searchsorted(fouled.stream.time, START + (ONSET + 14) * DAY))
+    engine.step(fouled.stream.slice(0, at))
+    (alarm,) = engine.alarms.open
+    cleared = engine.command(Command(alarm.key, "clear", "anna", alarm.raised))
+    assert cleared.alarms[0].state is AlarmState.CLEARED
+    assert engine.alarms.open == ()
+    again = engine.step(fouled.stream.slice(at, len(fouled.stream)))
+    assert again.alarms[0].key != alarm.key
+    assert again.alarms[0].raised > alarm.raised
+
+
+def test_absurd_readings_cost_their_own_day_only(fouled: Lab, outputs: Outputs) -> None:
+    stream = fouled.stream
+    value = stream.value.copy()
+    power = stream.point == stream.names.index("power")
+    day = (stream.time > START + 10 * DAY) & (stream.time <= START + 11 * DAY) & power
+    value[day] = np.where(np.arange(day.sum()) % 2, 1e308, -1e308)
+    engine = fouled.engine()
+    got = engine.step(replace(stream, value=value))
+    assert got.frames == outputs.frames
+    assert "heat-exchanger resistance up 2" in last_alarm(got).summary
+
+
+def test_a_chiller_that_fails_is_counted_and_the_others_do_not_notice(fouled: Lab, outputs: Outputs) -> None:
+    chiller = fouled.opened.plan.chillers[0]
+    # Nothing in a site file can make a chiller fail; a price that is no number, past every check, does.
+    broken = replace(chiller, name="broken", config=replace(chiller.config, name="broken", price="none"))
+    plan = replace(fouled.opened.plan, chillers=(broken, chiller))
+    own = fouled.baseline.baseline
+    engine = Engine(plan, {"lab": own, "broken": replace(own, component="broken")})
+    got = engine.step(fouled.stream)
+    assert got.frames == outputs.frames
+    assert last_alarm(got) == last_alarm(outputs)
+    ((what, times),) = [(k, n) for k, n in engine.counts.items() if k.startswith("chiller failed: broken")]
+    assert times >= 1
+    assert len(engine.notes) == 1
+    assert engine.notes[0].startswith("broken: ")
+    assert what in engine.counts
+
+
+def test_the_stores_dashboards_find_parameters_gate_and_power(outputs: Outputs) -> None:
+    names = {(r.measurement, n) for r in outputs.rows for n in r.names}
+    for expected in (
+        ("parameters", "lab/dS"),
+        ("parameters", "lab/Q_leak"),
+        ("parameters", "lab/R"),
+        ("gates", "lab/steady"),
+        ("predictions", "lab/power"),
+        ("charts", "lab/power:daily"),
+    ):
+        assert expected in names
+
+
+def test_a_new_baseline_starts_the_charts_afresh(fouled: Lab) -> None:
+    engine = fouled.engine()
+    at = int(np.searchsorted(fouled.stream.time, START + (ONSET + 14) * DAY))
+    engine.step(fouled.stream.slice(0, at))
+    refitted = replace(fouled.baseline.baseline, version=2)
+    other = Engine(fouled.opened.plan, {"lab": refitted})
+    other.restore_state(engine.export_state())
+    assert other._chillers.is_normal("lab")
+    with pytest.raises(EngineError, match="start afresh"):
+        Engine(fouled.opened.plan, {}).restore_state(engine.export_state())
+
+
+def test_a_baseline_that_does_not_fit_the_declaration_is_refused(fouled: Lab) -> None:
+    b: Baseline = fouled.baseline.baseline
+    with pytest.raises(UsageError, match="fdd fit SITE DATA --only lab"):
+        Engine(fouled.opened.plan, {"lab": replace(b, diagnostics={})})
+
+
+def test_check_counts_what_became_of_the_samples(fouled: Lab) -> None:
+    result = check_all(fouled.path, fouled.path.parent / "data.csv")
+    assert result.findings == []
+    (row,) = result.components
+    assert row["equipment"] == "lab"
+    assert row["steady points"] > 1000
+    assert row["rejected"]["machine off"] == 30
+
+
+def test_the_study_says_the_same_and_writes_its_page(fouled: Lab, tmp_path: Path) -> None:
+    page = tmp_path / "pages" / "lab.html"
+    (study,) = study_site(fouled.path, None, since=None, until=date_of(BASE), only=None, html=page, console=QUIET)
+    told = study.document()
+    assert told["finding"]["cause"] == "heat-exchanger resistance"
+    assert set(told["estimates"]) >= {"ols", "cls", "capped", "tls"}
+    low, high = told["estimates"]["capped"]["intervals"]["R"]
+    assert low < LAB_CHILLER.R < high
+    assert "<svg" in page.read_text()
+    console = Console(record=True, width=200)
+    study.print(console)
+    text = console.export_text()
+    assert "K/kW" in text
+    assert "steady points" in text
+    with pytest.raises(UsageError, match="there are lab"):
+        study_site(fouled.path, None, since=None, until=None, only=["lob"], html=None, console=QUIET)
+
+
+def run_daemon(site: Lab, state: Path, batches: int | None = None) -> None:
+    """Run the site's own file through the daemon, stopping dead after some batches."""
+    store, checkpoint, feed = site.opened.store(), Checkpoint(state), Feed(site.opened.site)
+    daemon = Daemon(ready_engine(site.opened), store, checkpoint, save_every=500)
+    if batches is not None:
+        left = iter(range(batches))
+        daemon._watch = lambda _: feed.stop() if next(left, None) is None else None
+    feed.open(daemon.recover() or None)
+    daemon.run(feed)
+    if batches is None:
+        daemon.finish()
+    feed.close()
+    store.close()
+    checkpoint.close()
+
+
+def test_the_daemon_and_the_replay_say_the_same_and_the_report_tells_it(fouled: Lab, tmp_path: Path) -> None:
+    run_daemon(fouled, tmp_path / "state.sqlite", batches=2)
+    run_daemon(fouled, tmp_path / "state.sqlite")
+    (told,) = replayed(fouled).alarms.values()
+    store = fouled.opened.store(read_only=True)
+    (kept,) = store.list("alarm")
+    assert kept == alarm_to_document(told)
+    page = write_report(store, site_info(fouled.opened), tmp_path / "report.html").read_text()
+    store.close()
+    text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
+    for words in (
+        "Heat-exchanger resistance up 2",
+        "Laboratory chiller: the machine's own physics",
+        "Internal entropy production",
+        "condenser side likely",
+        "of the expected power (median",
+        "steady points in this period",
+        "Weekly drift chart (CUSUM) of heat-exchanger resistance over its limit",
+        "kWh a day more than the healthy machine",
+        "Flow meter.",
+    ):
+        assert words in text, words
+
+
+def test_what_cannot_be_identified_is_said_with_its_reason_and_its_power_is_watched(
+    fouled: Lab, tmp_path: Path
+) -> None:
+    plan, site = fouled.opened.plan, site_info(fouled.opened)
+    # Two weeks of healthy data under a gate that wants 30 days.
+    strict = replace(plan.chillers[0], config=replace(plan.chillers[0].config, gate=GateLimits(days=30)))
+    plan = replace(plan, chillers=(strict,))
+    short = learn_chiller(plan, strict, read_span(fouled.opened, None, date_of(14)))
+    assert short.baseline.diagnostics["level"] == "power residual only"
+    assert any("14 days of baseline" in w for w in short.warnings)
+    store = open_store(StoreConfig.of({"kind": "sqlite", "path": tmp_path / "short.sqlite", "site": "short"}))
+    accept(store, short.baseline)
+    got = Engine(plan, in_force(store, ["lab"])).step(fouled.stream.between(None, START + 30 * DAY))
+    assert got.alarms == []
+    assert {n for r in got.rows for n in r.names if r.measurement == "charts"} == {
+        "lab/power:daily",
+        "lab/condenser_approach:daily",
+    }
+    store.write(got.rows)
+    page = write_report(store, site, tmp_path / "report.html").read_text()
+    store.close()
+    assert "Its parameters cannot be identified" in page
+    assert "30 are needed" in page or "30 needed" in page
+
+
+def test_a_history_without_steady_points_has_no_baseline(fouled: Lab) -> None:
+    opened = fouled.opened
+    history = read_span(opened, None, date_of(0.02))
+    with pytest.raises(IdentifyError, match="lab"):
+        learn_chiller(opened.plan, opened.plan.chillers[0], history)
