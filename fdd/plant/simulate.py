@@ -97,11 +97,12 @@ class Simulator:
     network : the plant
     step : length of a step [s]
     seed : everything random comes from it; the same seed gives the same numbers whatever the chunk size
+    plain : leave blocks and sensors uncompiled, for a large plant that runs once
     """
 
-    def __init__(self, network: Network, step: float, seed: int) -> None:
+    def __init__(self, network: Network, step: float, seed: int, *, plain: bool = False) -> None:
         self.network, self.step = network, step
-        self.evaluator = Evaluator(network)
+        self.evaluator = Evaluator(network, plain)
         self.points = list(network.sensors)
         self.outside = list(network.signals)
         process, sensors = np.random.SeedSequence(seed).spawn(2)

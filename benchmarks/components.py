@@ -1,0 +1,149 @@
+"""Component models: what fits find again, balances, threshold, hysteresis, measured pipes, a measured air handler."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import binom
+
+from benchmarks import air_handler_days as ahu
+from benchmarks import component_studies as studies
+from benchmarks.common import arguments, context, figure, report
+from benchmarks.component_cases import CASES, experiment, recover
+from fdd.models.document import stale
+
+QUICK_CASES = ("zone", "control_valve", "pipe_hydraulic", "radiator")
+MATRIX = Path(__file__).resolve().parents[1] / "docs" / "models" / "faults" / "matrix.md"
+Figures = dict[str, dict[str, Any]]
+
+
+def coverage(quick: bool, about: dict[str, Any]) -> Figures:
+    """Share of true parameters inside 95 % intervals, and of innovations that pass for white."""
+    names, seeds = (QUICK_CASES, 2) if quick else (tuple(CASES), 10)
+    figures, table = {}, {}
+    inside = of = white = outputs = 0
+    for name in names:
+        found = [recover(name, seed) for seed in range(seeds)]
+        i, n, w, o = (sum(r[k] for r in found) for k in ("inside", "of", "white", "outputs"))
+        table[name] = {"inside": i, "of": n, "white": w, "outputs": o}
+        inside, of, white, outputs = inside + i, of + n, white + w, outputs + o
+    about["coverage"] = table
+    # A count this low would be seen once in a hundred times if intervals covered 95 %.
+    fewest = int(binom.ppf(0.01, of, 0.95))
+    figures["parameters in their 95 % intervals"] = figure(
+        inside / of, "share", f">= {fewest / of:.3f}", inside >= fewest
+    )
+    least = int(binom.ppf(0.01, outputs, 0.99))
+    figures["innovations white when the model is true"] = figure(
+        white / outputs, "share", f">= {least / outputs:.3f}", white >= least
+    )
+    return figures
+
+
+def physics(quick: bool, about: dict[str, Any]) -> Figures:
+    """Balances, threshold and hysteresis."""
+    closures = studies.balances()
+    about["energy balances"] = closures
+    worst = max(closures.values())
+    case = replace(CASES["pipe_hydraulic"], rows=3000)
+    threshold = studies.threshold_profile(experiment(case, 3)[1], quick)
+    about["threshold"] = threshold
+    off = abs(threshold["centre"] - 2130.0)
+    ratio = studies.hysteresis_ratio(rows=1500 if quick else 3000, starts=1 if quick else 3)
+    return {
+        "energy balance, worst": figure(worst, "of throughput", "<= 1e-9", worst <= 1e-9),
+        "pipe threshold, centre of the profile": figure(
+            threshold["centre"], "Re", "2130 within 3 standard errors", off <= 3 * threshold["error"]
+        ),
+        "valve: play over Dahl, prediction-error variance": figure(ratio, "ratio", ">= 3 (paper: 3)", ratio >= 3.0),
+    }
+
+
+def pipes(about: dict[str, Any]) -> Figures:
+    """The measured pipe steps."""
+    found = studies.measured_pipes()
+    if found is None:
+        return {"measured pipe, simulation error on other runs": figure("no data", "of the step", "<= 0.05", None)}
+    about["measured pipe"] = found
+    shares = [error / step for name, (error, step) in found["errors"].items() if name != found["fitted"]]
+    theory = 4186 * 1000 * 39 * np.pi * 0.0525**2 / 4 + 480 * 7850 * 39 * np.pi * (0.0603**2 - 0.0525**2) / 4
+    off = found["C"] / theory - 1.0
+    return {
+        "measured pipe, simulation error on other runs": figure(
+            float(np.sqrt(np.mean(np.square(shares)))), "of the step", "<= 0.05", max(shares) <= 0.05
+        ),
+        "measured pipe, heat capacity against water and steel": figure(off, "relative", "within 0.10", abs(off) <= 0.1),
+    }
+
+
+def plant(quick: bool, about: dict[str, Any]) -> Figures:
+    """A large plant, and which parameter shows which fault."""
+    begin = time.perf_counter()
+    seconds, components = studies.large_plant_seconds(20.0 if quick else 365.0, plain=quick)
+    about["large plant"] = {"components": components, "with compiling [s]": time.perf_counter() - begin}
+    matrix = studies.fault_matrix(quick)
+    if not quick:
+        MATRIX.parent.mkdir(parents=True, exist_ok=True)
+        head = (
+            "# Faults against parameters\n\nMeasured in simulation by `python -m benchmarks.components`: shift of each "
+            "estimate, in standard errors of the difference, between a healthy fortnight and one with the fault; a dot "
+            "where it is below four.\n\n"
+        )
+        MATRIX.write_text(head + studies.matrix_table(matrix) + "\n", encoding="utf-8")
+    about["fault matrix"] = matrix
+    fouling = {c: v for c, v in matrix["fouling of the heat exchanger, 5 %"].items() if not c.startswith("hx.")}
+    beside = max(abs(v) for v in fouling.values())
+    return {
+        "50 components, a year at 10 min": figure(seconds, "s", "< 60", seconds < 60.0),
+        "5 % fouling, shift of hx.C": figure(
+            matrix["fouling of the heat exchanger, 5 %"]["hx.C"],
+            "standard errors",
+            "<= -10",
+            matrix["fouling of the heat exchanger, 5 %"]["hx.C"] <= -10,
+        ),
+        "5 % fouling, largest shift elsewhere": figure(beside, "standard errors", "< 4", beside < 4.0),
+    }
+
+
+def air_handler(quick: bool, about: dict[str, Any]) -> Figures:
+    """Days of the measured test rig."""
+    names = {"seen": "leaking days seen", "named": "leaking days whose valve is named", "false": "normal days alarmed"}
+    targets = {"seen": "3 of 3", "named": "3 of 3", "false": "0 of 3" if quick else "0 of 10"}
+    if not ahu.data_file().is_file():
+        return {f"air handler, {n}": figure("no data", "days", targets[k], None) for k, n in names.items()}
+    records = ahu.load(ahu.data_file())
+    verdicts = ahu.quick_judge(records) if quick else ahu.judge(records, folds=10)
+    score = ahu.score(verdicts)
+    about["air handler"] = [
+        {"day": v.day, "fan": v.fan_hours, "leak": v.gains["leak_heat"], "condition": v.condition, "says": v.words}
+        for v in verdicts
+    ]
+    holds = {"seen": score["seen"] == 3, "named": score["named"] == 3, "false": score["false"] == 0}
+    figures = {f"air handler, {n}": figure(score[k], "days", targets[k], holds[k]) for k, n in names.items()}
+    if not quick:
+        same = ahu.score(ahu.judge(records, folds=10, shorten=True))
+        figures["air handler, same verdicts on the same hours of every day"] = figure(
+            [same[k] for k in names],
+            "seen, named, false",
+            str([score[k] for k in names]),
+            all(same[k] == score[k] for k in names),
+        )
+        about["day table"] = ahu.table(verdicts)
+    return figures
+
+
+def main() -> None:
+    options = arguments(__doc__ or "")
+    about: dict[str, Any] = {}
+    figures = coverage(options.quick, about) | physics(options.quick, about) | pipes(about)
+    figures |= plant(options.quick, about) | air_handler(options.quick, about)
+    figures["model pages that are stale"] = figure(len(stale()), "pages", "0", not stale())
+    report(figures, context(seeds="fixed, by case", **about), options.json)
+
+
+if __name__ == "__main__":
+    main()
