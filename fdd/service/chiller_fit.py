@@ -38,6 +38,9 @@ class FittedChiller:
         for symbol, (low, high) in zip(fit.parameters, fit.interval(), strict=True):
             lines.append(f"  {symbol} = {b.parameters[symbol]:.5g}  ({low:.5g} to {high:.5g})")
         lines.append("  samples by reason: " + ", ".join(f"{k} {n}" for k, n in self.report.counts().items() if n))
+        calibration = str(b.diagnostics["chiller"]["drift_note"])
+        if calibration not in self.warnings and self.decision.level is not Level.RESIDUAL:
+            lines.append(f"  self-calibration: {calibration}")
         lines += [f"  warning: {w}" for w in self.warnings]
         lines.append(f"  baseline version {b.version} of {b.component} is in force")
         return "\n".join(lines)
@@ -126,6 +129,6 @@ def _warnings(learned: ChillerBaseline) -> tuple[str, ...]:
         found.append(f"{days:.0f} days of baseline; {SHORT:.0f} or more, over seasons, make its charts trustworthy")
     if learned.level == Level.RESIDUAL.value:
         found.append("its parameters cannot be told from these data; its power is watched instead")
-    elif learned.drift_note:
+    elif learned.drift is None:
         found.append(learned.drift_note)
     return tuple(found)
