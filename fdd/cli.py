@@ -99,8 +99,6 @@ def fit(
         return
     for item in fitted:
         out.print(item.summary(), highlight=False, markup=False, soft_wrap=True)
-    if html:
-        screen.print(f"validation report: {html}")
 
 
 @app.command(epilog=example("fdd chiller plant.yaml history.csv --until 2026-03-01 --html chiller.html"))
@@ -351,6 +349,25 @@ def baselines(
     for b in found:
         table.add_row(*[str(b[k]) for k in ("component", "version", "status", "from", "until", "samples", "reason")])
     out.print(table, soft_wrap=True)
+
+
+@app.command(epilog=example("fdd experiment house.yaml house --move 'P_heat=0:5 kW' --days 6 --out prbs.csv"))
+def experiment(
+    site_file: SiteFile,
+    equipment: Annotated[str, typer.Argument(help="Which equipment to learn about.", show_default=False)],
+    move: Annotated[list[str], typer.Option(help="An input that may be moved: INPUT=LOW:HIGH[:LEVELS] UNIT.")],
+    days: Annotated[float, typer.Option(help="Length of the experiment.")] = 6.0,
+    dwell: Annotated[str, typer.Option(help="Shortest time at a level.")] = "30 min",
+    out_file: Annotated[Path, typer.Option("--out", help="Where the schedule goes; the plot beside it.")] = Path(
+        "experiment.csv"
+    ),
+    count: Annotated[int, typer.Option(help="Candidate designs to compare.", min=1)] = 12,
+) -> None:
+    """Propose an experiment: a pseudo-random schedule that makes the parameters most visible."""
+    from fdd.service.experiments import propose
+
+    found = propose(site_file, equipment, move, days=days, dwell=dwell, out=out_file, count=count, console=screen)
+    out.print(found.story(), highlight=False, markup=False, soft_wrap=True)
 
 
 @app.command(epilog=example("fdd models", "fdd models radiator"))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
 from rich.progress import Progress
 
+from fdd.greybox.plots import write_html
 from fdd.greybox.results import FitResult
+from fdd.greybox.validate import validate
 from fdd.records import Baseline
 from fdd.service.baselines import accept
 from fdd.service.chiller_fit import FittedChiller, learn_chiller
@@ -84,7 +87,33 @@ def fit_site(
         raise UsageError("nothing could be fitted\n  " + "\n  ".join(failures))
     for failure in failures:
         console.print(f"[yellow]not fitted:[/yellow] {failure}")
+    if html:
+        for path in _write_validation([f for f in fitted if isinstance(f, Fitted)], opened, html):
+            console.print(f"validation: {path}")
     return fitted
+
+
+def _write_validation(fitted: Sequence[Fitted], opened: Opened, path: Path) -> list[Path]:
+    """Every test of each fit with plots; one page a component, named after it where there are several."""
+    points = {
+        c.name: {
+            **dict(zip(c.model.symbols["inputs"], c.inputs, strict=True)),
+            **dict(zip(c.model.symbols["outputs"], c.outputs, strict=True)),
+        }
+        for c in opened.plan.components
+    }
+    written = []
+    for f in fitted:
+        own = path if len(fitted) == 1 else path.with_name(f"{path.stem}-{f.baseline.component}{path.suffix}")
+        errors = {
+            symbol: sd
+            for symbol, point in points[f.baseline.component].items()
+            if (sd := opened.site.points[point].sensor_sd_si) is not None
+        }
+        own.parent.mkdir(parents=True, exist_ok=True)
+        write_html(validate(f.result, uncertainty=errors or None), own)
+        written.append(own)
+    return written
 
 
 def _fit(opened: Opened, watched: Component | Chiller, history: History, starts: int) -> Fitted | FittedChiller:
