@@ -41,7 +41,7 @@ def friction_blasius(reynolds: Any) -> Any:
 
 def friction_colebrook(reynolds: Any, relative_roughness: Any) -> Any:
     """Darcy friction factor by Colebrook, Paper C, Eq. 5: Haaland's (1983) start, then three fixed-point steps."""
-    re = absolute(reynolds) + 10.0
+    re = sqrt(reynolds * reynolds + 100.0)  # below Re 10 the iteration would leave its domain
     rough = relative_roughness / 3.7
     inverse = -1.8 / LN_10 * log(exp(1.11 * log(rough + 1e-9)) + 6.9 / re)
     for _ in range(3):
