@@ -26,6 +26,8 @@ from fdd.config import (
     parse_site,
     with_data,
 )
+from fdd.config.chiller import chiller_config
+from fdd.service.plan import plan_of
 from ingest.csv import CsvOptions
 from ingest.source import kinds, options_type, register
 
@@ -241,6 +243,85 @@ class TestCheck:
         assert len(component_model(held).parameters) == len(free.parameters) - 1
 
 
+CHILLER = """
+name: Plant
+tariffs: {{currency: USD, electricity: 0.12}}
+source: {{kind: csv, path: data.csv}}
+false_alarms_per_year: 0.2
+points:
+  EWT: {{unit: degF, sensor_sd: 0.18}}
+  LWT: {{unit: degF, sensor_sd: 0.18}}
+  CWT: {{unit: degF, sensor_sd: 0.36}}
+  flow: {{unit: gpm, fluid: water}}
+  kW: {{unit: kW}}
+equipment:
+  c1:
+    model: gordon_ng
+    inputs: {{T_chi: EWT, T_cho: LWT, T_cdi: CWT, flow_ch: {flow}, {power}: kW}}
+    {more}
+    options:
+      rated_load: {rated}
+      errors: {{{errors}}}
+"""
+SOUND = {
+    "flow": "flow",
+    "power": "power",
+    "more": "title: Chiller",
+    "rated": "1.7e6",
+    "errors": "flow_ch: {relative: 0.01}, power: {relative: 0.01}",
+}
+
+
+def test_a_chillers_declaration_takes_errors_price_and_budget_from_the_site() -> None:
+    site = parse_site(CHILLER.format(**SOUND))
+    assert check_site(site) == []
+    config = chiller_config(site, "c1")
+    assert config.instruments.errors["T_chi"].random == pytest.approx(0.1)
+    assert config.instruments.errors["T_cdi"].random == pytest.approx(0.2)
+    assert config.instruments.errors["flow_ch"].relative == 0.01
+    assert config.price == 0.12
+    assert config.currency == "USD"
+    # 0.15 of weekly and 0.25 of daily charts are cut to the site's 0.2, each in proportion.
+    assert config.drift.false_alarms + config.residual_false_alarms == pytest.approx(0.2)
+    assert config.drift.false_alarms == pytest.approx(0.2 * 0.15 / 0.4)
+
+
+def test_a_chiller_takes_its_share_of_the_plants_budget() -> None:
+    text = TWELVE_LINES.replace("equipment:", "  kW: {unit: kW}\nequipment:").rstrip() + "\n  c1:\n    weight: 3\n"
+    text += "    model: gordon_ng\n    inputs: {T_cdi: T1, T_chi: T2, T_cho: T3, flow_ch: q1, power: kW}\n"
+    text += "    options: {rated_load: 1e6, errors: {T_cdi: {random: 0.1}, T_chi: {random: 0.1}, T_cho: {random: 0.1},"
+    text += " flow_ch: {relative: 0.01}, power: {relative: 0.01}}}\n"
+    site = parse_site(text)
+    assert [f for f in check_site(site) if f.severity == "error"] == []
+    plan = plan_of(site)
+    assert plan.false_alarms_per_year == pytest.approx(0.25)
+    (chiller,) = plan.chillers
+    assert [c.name for c in plan.components] == ["hx"]
+    assert chiller.config.drift.false_alarms + chiller.config.residual_false_alarms <= 0.75
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "says"),
+    [
+        ({"power": "powr"}, "equipment.c1.inputs.powr", "no such role"),
+        ({"power": "load"}, "equipment.c1", "role power (electrical power) has no point"),
+        ({"flow": "kW"}, "equipment.c1.inputs.flow_ch", "[kg/s]"),
+        ({"errors": "power: {relative: 0.01}"}, "equipment.c1.options.errors", "sensor error of flow_ch"),
+        ({"errors": "power: {relativ: 0.01}"}, "equipment.c1.options", "unknown key 'relativ'"),
+        ({"rated": "-1"}, "equipment.c1.options", "rated_load must be positive"),
+        ({"rated": "big"}, "equipment.c1.options", "chiller 'c1'"),
+        ({"rated": "1e6\n      speed: fast"}, "equipment.c1.options", "speed must be one of fixed, measured, by load"),
+        ({"rated": "1e6\n      rated_laod: 1"}, "equipment.c1.options", "did you mean 'rated_load'"),
+        ({"more": "start_up: 5 min"}, "equipment.c1.start_up", "settling"),
+        ({"more": "outputs: {T_cdo: CWT}"}, "equipment.c1.outputs", "under 'inputs'"),
+        ({"rated": "1e6\n      residual_false_alarms: 2"}, "equipment.c1.options", "its share of the site's is 0.2"),
+    ],
+)
+def test_a_wrong_chiller_is_found_with_a_remedy(change: dict[str, str], key: str, says: str) -> None:
+    found = [f for f in check_site(parse_site(CHILLER.format(**{**SOUND, **change}))) if f.key == key]
+    assert any(says in str(f) for f in found), found
+
+
 def test_a_kind_of_source_is_registered_once() -> None:
     with pytest.raises(ValueError, match="already registered by ingest"):
         register("csv", "somewhere:Else")
@@ -281,9 +362,9 @@ def test_documented_keys_exist() -> None:
     assert documented - known == set()
 
 
-@pytest.mark.parametrize("number", range(5))
+@pytest.mark.parametrize("number", range(6))
 def test_example_in_the_reference_loads(number: int) -> None:
     examples = re.findall(r"```yaml\n(.*?)```", REFERENCE.read_text(encoding="utf-8"), flags=re.DOTALL)
-    assert len(examples) == 5
+    assert len(examples) == 6
     site = parse_site(examples[number])
     assert [f for f in check_site(site) if f.severity == "error"] == []

@@ -20,6 +20,28 @@ MEANINGS = {
 }
 """What the causes of :mod:`fdd.chiller_eiv.checks` mean to a technician."""
 
+CHECKS = {
+    "flow meter": "Compare the water flow meters with a clamp-on meter or the pump's curve: within 3 %",
+    "chilled-water temperature sensors": "Compare the chilled-water sensors with a reference, or with each other while "
+    "the machine rests: within 0.2 K",
+    "power meter and auxiliaries on it": "Compare the power meter with a clamp meter, and look for auxiliaries that "
+    "have been put on it: within 2 %",
+    "condenser water flow and strainer": "Read the pressure drop over condenser and strainer: as in the "
+    "commissioning report",
+    "condenser tubes (fouling)": "Read the condenser approach at full load, open and brush the tubes where it is high: "
+    "1 to 3 K when clean",
+    "non-condensable gas": "Compare the condenser's pressure with the saturation temperature of its liquid, purge "
+    "where it is higher: equal",
+    "chilled-water flow": "Read the pressure drop over the evaporator: as in the commissioning report",
+    "evaporator tubes": "Read the evaporator approach at full load: 1 to 3 K when clean",
+    "refrigerant charge": "Look at the sight glass and the subcooling: no bubbles, as on the name plate",
+    "refrigerant charge and non-condensables": "Read subcooling and condenser pressure at a known load: as on the "
+    "name plate",
+    "compressor, oil, bypass valve": "Look for a hot-gas bypass that is open, high oil temperature or wear: closed, "
+    "as on the name plate",
+}
+"""What to do about the checks of :mod:`fdd.chiller_eiv.checks`, and what a healthy machine shows."""
+
 
 def chiller_finding(outputs: ChillerOutputs, currency: str) -> JsonObject | None:
     """What is told of a chiller in alarm: ``summary``, ``causes``, ``checks`` and ``evidence`` of an alarm; plain data.
@@ -32,12 +54,13 @@ def chiller_finding(outputs: ChillerOutputs, currency: str) -> JsonObject | None
     found = outputs.finding
     if found is None:
         return None
+    checks = [CHECKS.get(c, c) for c in found.checks]
     cause: JsonObject = {
         "name": found.cause,
         "meaning": MEANINGS.get(found.cause, found.cause),
         "for": [found.sentence],
         "against": [],
-        "checks": list(found.checks),
+        "checks": checks,
     }
     if found.probability is not None:
         cause["likelihood"] = round(found.probability, 3)
@@ -47,7 +70,7 @@ def chiller_finding(outputs: ChillerOutputs, currency: str) -> JsonObject | None
     return {
         "summary": found.sentence,
         "causes": [cause],
-        "checks": list(found.checks),
+        "checks": checks,
         "evidence": {**evidence, **_cost(outputs, currency)},
     }
 

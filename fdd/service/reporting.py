@@ -32,6 +32,8 @@ _CHILLER = {
     "R": ParameterInfo("K/W", "heat-exchanger resistance"),
     "R_flow": ParameterInfo("K/W", "part of the resistance that goes with the condenser flow"),
     "dS_speed": ParameterInfo("W/K", "part of the entropy production that goes with speed"),
+    "condenser_approach": ParameterInfo("K", "condenser approach"),
+    "evaporator_approach": ParameterInfo("K", "evaporator approach"),
 }
 
 
