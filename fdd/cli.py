@@ -288,6 +288,19 @@ def charts_design(
             screen.print(f"written: {path}")
 
 
+@app.command(epilog=example("fdd explain plant.yaml hx@2026-03-01T10:00:00Z"))
+def explain(site_file: SiteFile, key: Key, as_json: AsJson = False) -> None:
+    """Show the evidence behind one alarm."""
+    from fdd.service.explain import explain as explained
+    from fdd.service.explain import story
+
+    alarm = explained(site_file, key)
+    if as_json:
+        _print_json(alarm)
+    else:
+        out.print(story(site_file, alarm), highlight=False, markup=False, soft_wrap=True)
+
+
 @app.command(epilog=example("fdd report plant.yaml --out report.html", "fdd report plant.yaml --pdf report.pdf"))
 def report(
     site_file: SiteFile,
@@ -368,6 +381,34 @@ def experiment(
 
     found = propose(site_file, equipment, move, days=days, dwell=dwell, out=out_file, count=count, console=screen)
     out.print(found.story(), highlight=False, markup=False, soft_wrap=True)
+
+
+store = typer.Typer(no_args_is_help=True, help="Copy what a site's store holds.")
+app.add_typer(store, name="store", epilog=example("fdd store migrate old.yaml new.yaml"))
+
+
+@store.command("migrate", epilog=example("fdd store migrate sqlite-site.yaml influx-site.yaml"))
+def store_migrate(
+    site_file: SiteFile, target: Annotated[Path, typer.Argument(help="Site file whose store is written to.")]
+) -> None:
+    """Copy everything to the store that another site file names; an interrupted copy is started again."""
+    from fdd.service.storage import migrate_site
+
+    out.print(migrate_site(site_file, target, screen), soft_wrap=True)
+
+
+@store.command("export", epilog=example("fdd store export plant.yaml analysis/ --from 2026-01-01"))
+def store_export(
+    site_file: SiteFile,
+    folder: Annotated[Path, typer.Argument(help="Where the files go.")],
+    since: Since = None,
+    until: Until = None,
+) -> None:
+    """Write Parquet for analysis: a file for each measurement, and JSON for each kind of document."""
+    from fdd.service.storage import export_site
+
+    for path in export_site(site_file, folder, screen, since=since, until=until):
+        out.print(str(path), soft_wrap=True)
 
 
 @app.command(epilog=example("fdd models", "fdd models radiator"))
