@@ -118,6 +118,7 @@ NAMES: Mapping[str, str] = {
     "A": "current",
     "V": "voltage",
     "lx": "illuminance",
+    "K/s": "rate of temperature",
 }
 
 # Density at 20 degC [kg/m3]. Water: Kell (1975); air at 101 325 Pa: ideal gas; glycols: ASHRAE Fundamentals, ch. 31.
