@@ -15,11 +15,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.models.declare import Parameter
 from fdd.records import NANOSECONDS, Baseline, FloatArray, IntArray, JsonObject
 from fdd.residual_monitors.budget import spread
 from fdd.residual_monitors.chart import Phase, Verdicts
 from fdd.residual_monitors.cusum import Cusum
-from fdd.residual_monitors.score import Score
+from fdd.residual_monitors.score import ALLOWANCE, Score
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.plan import Component, Plan
 
@@ -32,6 +33,8 @@ NORMAL = 0.25
 NORMAL_95 = 1.96
 # A parameter whose relative standard error is beyond this is not worth a point on a plot.
 VAGUE = 0.5
+# No model is right to better than this: every physical parameter is granted so large a relative error for good.
+MODEL_ERROR = 0.01
 # A score block is longer than a filter's memory and shorter than the delay one wants.
 SCORE_BLOCK = 6 * 3600 * NANOSECONDS
 
@@ -90,12 +93,26 @@ class InnovationCharts:
         carried = [c.carries("cusum", q.symbol) for g in groups for c in g.components for q in g.model.outputs]
         self._carried = np.flatnonzero(np.array(carried, dtype=np.bool_))
         self._chart = Cusum.design([arl[s.component] for s in self.streams])
+        self._groups, self._physical = tuple(groups), [_physical(g) for g in groups]
+        self.rebase()
 
     def update(self, steps: Sequence[GroupStep]) -> Verdicts:
-        """Feed the standardised innovations."""
+        """Feed the standardised innovations; what the baselines' granted errors would move them by is forgiven."""
+        self._chart.forgive(np.concatenate([np.empty(0), *map(self._forgiven, range(len(steps)), steps)])[self._carried])
         return self._chart.update(
             np.concatenate([np.empty(0), *(s.standardised.ravel() for s in steps)])[self._carried]
         )
+
+    def rebase(self) -> None:
+        """Take from the groups' baselines what is granted to them."""
+        self._granted = [np.stack([_granted(g, b) for b in g.baselines]) for g in self._groups]
+
+    def _forgiven(self, index: int, step: GroupStep) -> FloatArray:
+        """How far the means of a group's innovations may be off, a value an output [standard deviations]."""
+        at = self._physical[index]
+        information = np.nan_to_num(step.information[:, at[:, None], at])
+        variance = np.einsum("njk,njk->n", information, self._granted[index])
+        return np.repeat(ALLOWANCE * np.sqrt(np.maximum(variance, 0.0)), step.standardised.shape[1])
 
     def reset(self, which: BoolArray) -> None:
         """Start these streams again."""
@@ -120,7 +137,7 @@ class ScoreCharts:
     def __init__(self, index: int, group: FilterGroup, plan: Plan, arl: dict[str, float]) -> None:
         self._index, self._group = index, group
         parameters = group.model.parameters
-        self._physical = np.flatnonzero([p.kind == "physical" for p in parameters])
+        self._physical = _physical(group)
         self._symbols = [parameters[i].symbol for i in self._physical]
         self._log = [parameters[i].transform == "log" for i in self._physical]
         self.streams = tuple(
@@ -129,34 +146,31 @@ class ScoreCharts:
             for symbol in self._symbols
         )
         wanted = [arl[s.component] for s in self.streams]
-        # A parameter that the baseline's data left open has no value to depart from.
-        open_ = [
-            {*b.diagnostics.get("unidentifiable", ()), *b.diagnostics.get("at_bound", ())} for b in group.baselines
-        ]
-        self._told = np.array(
-            [
-                [s not in left and c.carries("score", s) for s in self._symbols]
-                for c, left in zip(group.components, open_, strict=True)
-            ]
-        )
         self._chart = Score.design(
             wanted,
             parameters=len(self._symbols),
             block=max(1, SCORE_BLOCK // plan.step),
-            covariance=np.stack([self._covariance(b) for b in group.baselines]),
         )
+        self._inform()
 
-        spreads = [b.diagnostics.get("score_spread", {}) for b in group.baselines]
+    def _inform(self) -> None:
+        """Take from the baselines what each parameter's error and spread are, and which can be told."""
+        baselines = self._group.baselines
+        # A parameter that the baseline's data left open has no value to depart from.
+        open_ = [{*b.diagnostics.get("unidentifiable", ()), *b.diagnostics.get("at_bound", ())} for b in baselines]
+        self._told = np.array(
+            [
+                [s not in left and c.carries("score", s) for s in self._symbols]
+                for c, left in zip(self._group.components, open_, strict=True)
+            ]
+        )
+        self._chart.covariance = np.stack([_granted(self._group, b) for b in baselines])
+        spreads = [b.diagnostics.get("score_spread", {}) for b in baselines]
         self._chart.presume([spread.get(s, 1.0) for spread in spreads for s in self._symbols])
 
-    def _covariance(self, baseline: Baseline) -> FloatArray:
-        """Of the physical parameters, on the estimation scale; zero for a baseline that is known, not fitted."""
-        if not baseline.covariance:
-            return np.zeros((len(self._symbols), len(self._symbols)))
-        order = list(baseline.parameters)
-        at = [order.index(s) for s in self._symbols]
-        covariance: FloatArray = np.nan_to_num(np.array(baseline.covariance))[np.ix_(at, at)]
-        return covariance
+    def rebase(self) -> None:
+        """The group has new baselines; streams whose baseline changed are started again by :class:`Charts`."""
+        self._inform()
 
     def update(self, steps: Sequence[GroupStep]) -> Verdicts:
         """Feed the group's scores; rows that may not be charted are hidden."""
@@ -251,6 +265,21 @@ class Charts:
             family.reset(which[start:stop])
         self._phase = np.where(which, np.uint8(Phase.QUIET), self._phase)
 
+    def rebase(self, components: set[str]) -> None:
+        """These components have new baselines.
+
+        Their score charts start again: sums and history are departures from the old parameters and say nothing of the
+        new ones. Innovation charts go on: a misprediction is one under any baseline, and where the new one predicts
+        better their sums fall by themselves. So an alarm that an innovation chart holds stands until it is cleared.
+        """
+        for family, start, stop in zip(self._families, self._edges, self._edges[1:], strict=False):
+            if isinstance(family, InnovationCharts | ScoreCharts):
+                family.rebase()
+            if isinstance(family, ScoreCharts):
+                which = np.array([s.component in components for s in family.streams])
+                family.reset(which)
+                self._phase[start:stop] = np.where(which, np.uint8(Phase.QUIET), self._phase[start:stop])
+
     def export_state(self) -> JsonObject:
         """The charts as plain data."""
         return {"families": [f.export_state() for f in self._families], "phase": self._phase.copy()}
@@ -260,6 +289,38 @@ class Charts:
         for family, saved in zip(self._families, state["families"], strict=True):
             family.restore_state(saved)
         self._phase = np.array(state["phase"], dtype=np.uint8)
+
+
+def _physical(group: FilterGroup) -> IntArray:
+    return np.flatnonzero([p.kind == "physical" for p in group.model.parameters])
+
+
+def _granted(group: FilterGroup, baseline: Baseline) -> FloatArray:
+    """Covariance granted to the physical parameters, on the estimation scale: the baseline's own, and the model's.
+
+    A baseline that is known, not fitted, has none of its own.
+    """
+    at = _physical(group)
+    own = np.zeros((len(at), len(at)))
+    parameters = [group.model.parameters[i] for i in at]
+    if baseline.covariance:
+        order = [list(baseline.parameters).index(p.symbol) for p in parameters]
+        own = np.nan_to_num(np.array(baseline.covariance))[np.ix_(order, order)]
+    slopes = [_relative_slope(p, baseline.parameters[p.symbol]) for p in parameters]
+    return np.asarray(own + np.diag(np.square(MODEL_ERROR * np.array(slopes))))
+
+
+def _relative_slope(parameter: Parameter, value: float) -> float:
+    """What a small relative change of a parameter is on its estimation scale."""
+    match parameter.transform:
+        case "log":
+            return 1.0
+        case "logit":
+            lower, upper = parameter.lower, parameter.upper
+            inside = max((value - lower) * (upper - value), 1e-6 * (upper - lower) ** 2)
+            return abs(value) * (upper - lower) / inside
+        case _:
+            return abs(value)
 
 
 def _budget(plan: Plan, groups: Sequence[FilterGroup]) -> dict[str, float]:

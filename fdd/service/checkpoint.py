@@ -1,8 +1,8 @@
 """What makes a crash harmless: a journal of what came in, and now and then the whole state, in one SQLite file.
 
-Every batch and every operator's command is journaled before the engine sees it. A checkpoint replaces the state and
-empties the journal in one transaction. After a crash the engine is restored from the checkpoint and steps through the
-journal again; outputs are keyed by event time, so writing them again changes nothing.
+Every batch, every operator's command and every change of baselines is journaled before the engine sees it. A checkpoint
+replaces the state and empties the journal in one transaction. After a crash the engine is restored from the checkpoint
+and steps through the journal again; outputs are keyed by event time, so writing them again changes nothing.
 """
 
 from __future__ import annotations
@@ -11,16 +11,23 @@ import io
 import json
 import sqlite3
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fdd.records import Batch, JsonObject
+from fdd.records import Baseline, Batch, JsonObject
 from fdd.service.alarms import Command
 
 SCHEMA = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Rebase:
+    """New baselines that were put in force between two batches."""
+
+    baselines: tuple[Baseline, ...]
 
 
 class CheckpointError(RuntimeError):
@@ -94,15 +101,23 @@ class Checkpoint:
             )
         return decode(row[1])
 
-    def entries(self) -> Iterator[Batch | Command]:
+    def entries(self) -> Iterator[Batch | Command | Rebase]:
         """What was journaled since the last state was saved, in order."""
         for kind, entry in self._db.execute("select kind, entry from journal order by n").fetchall():
-            yield _decode_batch(entry) if kind == "batch" else Command(**json.loads(entry))
+            match kind:
+                case "batch":
+                    yield _decode_batch(entry)
+                case "rebase":
+                    yield Rebase(tuple(Baseline(**d) for d in json.loads(entry)))
+                case _:
+                    yield Command(**json.loads(entry))
 
-    def journal(self, entry: Batch | Command) -> None:
+    def journal(self, entry: Batch | Command | Rebase) -> None:
         """Keep what is about to be processed."""
         if isinstance(entry, Batch):
             row = ("batch", _encode_batch(entry))
+        elif isinstance(entry, Rebase):
+            row = ("rebase", json.dumps([asdict(b) for b in entry.baselines]).encode())
         else:
             row = ("command", json.dumps(asdict(entry)).encode())
         self._db.execute("insert into journal (kind, entry) values (?, ?)", row)

@@ -16,8 +16,9 @@ import structlog
 
 from fdd.records import Batch, JsonObject, Rows
 from fdd.service.alarms import AlarmError, Command, alarm_to_document
-from fdd.service.checkpoint import Checkpoint
-from fdd.service.engine import Engine, Outputs
+from fdd.service.baselines import in_force, versions_in_force
+from fdd.service.checkpoint import Checkpoint, Rebase
+from fdd.service.engine import Engine, EngineError, Outputs
 from fdd.service.feed import Feed
 from fdd.store.store import Store
 
@@ -25,6 +26,8 @@ log = structlog.get_logger()
 
 # An operator waits no longer than this for a command to be seen.
 POLL_SECONDS = 1.0
+# New baselines are rare, and looking costs a read of every pointer.
+BASELINE_SECONDS = 5.0
 
 
 class Daemon:
@@ -53,6 +56,8 @@ class Daemon:
         self._commanded = ""
         self._unsaved = 0
         self._polled = 0.0
+        self._compared = 0.0
+        self._refused: set[tuple[str, int]] = set()
         self._feed: Feed | None = None
         self.samples = 0
         self.frames = 0
@@ -69,6 +74,8 @@ class Daemon:
             replayed += 1
             if isinstance(entry, Batch):
                 self._take(entry)
+            elif isinstance(entry, Rebase):
+                self._rebase(entry)
             else:
                 self._obey(entry)
         if state is not None or replayed:
@@ -82,7 +89,7 @@ class Daemon:
             if len(batch) or batch.position != self._position:
                 self._checkpoint.journal(batch)
                 self._take(batch)
-            self._poll_commands()
+            self._poll()
             if self._unsaved >= self._save_every:
                 self.save()
             if self._watch:
@@ -144,10 +151,38 @@ class Daemon:
         for alarm in outputs.alarms:
             log.info("alarm", key=alarm.key, state=str(alarm.state), summary=alarm.summary)
 
-    def _poll_commands(self) -> None:
-        if self._now() - self._polled < POLL_SECONDS:
+    def _poll(self) -> None:
+        """Now and then, look for what others left in the store."""
+        now = self._now()
+        if now - self._polled < POLL_SECONDS:
             return
-        self._polled = self._now()
+        self._polled = now
+        self._poll_commands()
+        if now - self._compared >= BASELINE_SECONDS:
+            self._compared = now
+            self._poll_baselines()
+
+    def _poll_baselines(self) -> None:
+        """Take up baselines that a job or a person has put in force."""
+        running = self.engine.versions
+        pointers = versions_in_force(self._store)
+        wanted = {name: pointers.get(name, version) for name, version in running.items()}
+        changed = [n for n, v in wanted.items() if v != running[n] and (n, v) not in self._refused]
+        if changed:
+            entry = Rebase(tuple(in_force(self._store, changed).values()))
+            self._checkpoint.journal(entry)
+            self._rebase(entry)
+
+    def _rebase(self, entry: Rebase) -> None:
+        for b in entry.baselines:
+            try:
+                self.engine.rebase({b.component: b})
+                log.info("baseline in force", component=b.component, version=b.version, reason=b.reason)
+            except EngineError as error:
+                self._refused.add((b.component, b.version))
+                log.warning("baseline refused", component=b.component, version=b.version, reason=str(error))
+
+    def _poll_commands(self) -> None:
         for document in sorted(self._store.list("command"), key=lambda d: str(d["key"])):
             if str(document["key"]) > self._commanded:
                 command = Command(**{k: v for k, v in document.items() if k != "key"})

@@ -6,7 +6,7 @@ The same samples give the same bytes of output, in one batch or many, live or re
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.framing import Framer, Frames
 from fdd.service.plan import Chiller, Component, Plan
 
-SCHEMA = 2
+SCHEMA = 3
 DAY = 86400 * NANOSECONDS
 _NONE = np.empty(0)  # what a site without filters concatenates
 
@@ -44,6 +44,7 @@ class Engine:
 
     def __init__(self, plan: Plan, baselines: Mapping[str, Baseline]) -> None:
         self.plan = plan
+        self._baselines = {name: b for name, b in baselines.items() if name in {c.name for c in plan.watched}}
         self._framer = Framer(plan.points, plan.step, plan.lateness, plan.max_jump)
         self._groups = _group(plan, baselines)
         self._charts = Charts(plan, self._groups)
@@ -108,6 +109,35 @@ class Engine:
             self._chillers.reset(component)
         else:
             self._charts.reset(component)
+
+    @property
+    def versions(self) -> dict[str, int]:
+        """The version of the baseline that each component or chiller runs on."""
+        return {name: b.version for name, b in self._baselines.items()}
+
+    def rebase(self, baselines: Mapping[str, Baseline]) -> None:
+        """Put new baselines under what is running, between two frames and without missing one.
+
+        Raises
+        ------
+        EngineError
+            A baseline is of something that is not watched, or of another model than the site's.
+        """
+        models = {c.name: c.model.name for g in self._groups for c in g.components}
+        for name, b in baselines.items():
+            if name not in self._baselines:
+                raise EngineError(f"{name} is not watched; restart the service with --fresh to take it up")
+            if models.get(name, b.model) != b.model:
+                raise EngineError(
+                    f"baseline version {b.version} of {name} is of model {b.model}, the site says {models[name]}; "
+                    "fit it anew"
+                )
+        self._baselines |= baselines
+        self._charts.rebase({name for g in self._groups for name in g.rebase(baselines)})
+        if any(name in self._chillers for name in baselines):
+            state = self._chillers.export_state()
+            self._chillers = Chillers(self.plan, self._baselines)
+            self._chillers.restore_state(state)
 
     def _run(self, frames: Frames) -> Outputs:
         if len(frames) == 0:
@@ -225,6 +255,7 @@ class Engine:
         return {
             "schema": SCHEMA,
             "time": self._time,
+            "baselines": [asdict(b) for b in self._baselines.values()],
             "framer": self._framer.export_state(),
             "groups": [g.export_state() for g in self._groups],
             "charts": self._charts.export_state(),
@@ -249,6 +280,8 @@ class Engine:
                 f"engine state is of the components {', '.join(saved)}; the site has {', '.join(here)}; "
                 "start afresh with --fresh"
             )
+        saved_baselines = {d["component"]: Baseline(**d) for d in state["baselines"]}
+        self.rebase({n: b for n, b in saved_baselines.items() if b.version != self._baselines[n].version})
         self._time = state["time"]
         self._framer.restore_state(state["framer"])
         for group, saved_group in zip(self._groups, state["groups"], strict=True):

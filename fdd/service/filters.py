@@ -70,9 +70,7 @@ class FilterGroup:
         self._gate = np.array([column[c.when] if c.when else -1 for c in components], dtype=np.int64)
         self._start_up = np.array([c.start_up for c in components], dtype=np.int64)
         self._hold, self._max_gap = hold, max_gap
-        names = [p.symbol for p in self.model.parameters]
-        parameters = np.array([[b.parameters[s] for s in names] for b in self.baselines])
-        self._bank = FilterBank(self.model, parameters)
+        self._bank = FilterBank(self.model, self._parameters())
         self._whitener = _whitener(self.baselines, [o.symbol for o in self.model.outputs])
         n = len(components)
         self._last = np.full(n, NEVER, dtype=np.int64)
@@ -80,6 +78,29 @@ class FilterGroup:
         self._held = np.full(self._inputs.shape, np.nan)
         self._held_at = np.full(self._inputs.shape, NEVER, dtype=np.int64)
         self.restarts: dict[str, int] = {}
+
+    def _parameters(self) -> FloatArray:
+        names = [p.symbol for p in self.model.parameters]
+        return np.array([[b.parameters[s] for s in names] for b in self.baselines])
+
+    def rebase(self, baselines: Mapping[str, Baseline]) -> set[str]:
+        """Put new baselines under running filters; returns the components that have one.
+
+        States and their covariances go on, so that not one sample is missed. The whitener takes up the new colour, mean
+        and scale, and keeps the values it remembers.
+        """
+        rows = [i for i, c in enumerate(self.components) if c.name in baselines]
+        if not rows:
+            return set()
+        for i in rows:
+            self.baselines[i] = baselines[self.components[i].name]
+        self._bank.set_parameters(rows, self._parameters()[rows])
+        whitener = _whitener(self.baselines, [o.symbol for o in self.model.outputs])
+        kept = min(whitener.recent.shape[1], self._whitener.recent.shape[1])
+        whitener.recent[:, :kept] = self._whitener.recent[:, :kept]
+        whitener.run[:] = self._whitener.run
+        self._whitener = whitener
+        return {self.components[i].name for i in rows}
 
     def step(self, time: int, values: FloatArray) -> GroupStep:
         """Step every component whose data allow it; ``values`` is one frame, shape (n_columns,)."""

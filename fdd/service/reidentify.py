@@ -98,7 +98,7 @@ def run_task(task: Task) -> Candidate:
     began = clock.monotonic()
     opened = open_site(task.site_file)
     component = next(c for c in opened.plan.components if c.name == task.component)
-    plan = replace(opened.plan, points=task.history.columns, derived=(), components=(component,))
+    plan = replace(opened.plan, points=task.history.columns, derived=(), components=(component,), chillers=())
     found = consider(plan, component, task.history, task.chain, task.policy, suspected=task.suspected)
     return replace(found, seconds=clock.monotonic() - began)
 
