@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 from dataclasses import dataclass, replace
@@ -23,6 +24,7 @@ from fdd.service.check import check_all
 from fdd.service.checkpoint import Checkpoint, decode, encode
 from fdd.service.chiller_fit import FittedChiller, learn_chiller
 from fdd.service.chiller_study import study_site
+from fdd.service.chillers import Chillers
 from fdd.service.daemon import Daemon
 from fdd.service.engine import Engine, EngineError, Outputs
 from fdd.service.errors import UsageError
@@ -33,6 +35,7 @@ from fdd.service.opened import Opened, open_site
 from fdd.service.replay import ReplayResult, ready_engine, replay_site
 from fdd.service.reporting import site_info
 from fdd.store.store import StoreConfig, open_store
+from tests.service.conftest import Truth, baselines, plan
 
 DAY = 86_400 * 10**9
 START = 20_000 * DAY
@@ -268,9 +271,9 @@ def test_a_chiller_that_fails_is_counted_and_the_others_do_not_notice(fouled: La
     chiller = fouled.opened.plan.chillers[0]
     # Nothing in a site file can make a chiller fail; a price that is no number, past every check, does.
     broken = replace(chiller, name="broken", config=replace(chiller.config, name="broken", price="none"))
-    plan = replace(fouled.opened.plan, chillers=(broken, chiller))
+    pair = replace(fouled.opened.plan, chillers=(broken, chiller))
     own = fouled.baseline.baseline
-    engine = Engine(plan, {"lab": own, "broken": replace(own, component="broken")})
+    engine = Engine(pair, {"lab": own, "broken": replace(own, component="broken")})
     got = engine.step(fouled.stream)
     assert got.frames == outputs.frames
     assert last_alarm(got) == last_alarm(outputs)
@@ -295,17 +298,20 @@ def test_the_stores_dashboards_find_parameters_gate_and_power(outputs: Outputs) 
 
 
 def test_a_new_baseline_starts_the_charts_afresh(fouled: Lab) -> None:
-    engine = fouled.engine()
+    engine, own = fouled.engine(), fouled.baseline.baseline
     at = int(np.searchsorted(fouled.stream.time, START + (ONSET + 14) * DAY))
     engine.step(fouled.stream.slice(0, at))
-    refitted = replace(fouled.baseline.baseline, version=2)
-    other = Engine(fouled.opened.plan, {"lab": refitted})
-    other.restore_state(engine.export_state())
-    assert other.versions == {"lab": 1}  # a state carries its baselines; newer ones are put in force as an event
-    other.rebase({"lab": refitted})
-    assert other._chillers.is_normal("lab")
+    state = engine.export_state()["chillers"]
+    same, other = (Chillers(fouled.opened.plan, {"lab": b}) for b in (own, replace(own, version=2)))
+    same.restore_state(state)
+    other.restore_state(state)
+    assert not same.is_normal("lab")
+    assert other.is_normal("lab")
+
+
+def test_the_state_of_a_site_without_the_chiller_is_refused(fouled: Lab) -> None:
     with pytest.raises(EngineError, match="start afresh"):
-        Engine(fouled.opened.plan, {}).restore_state(engine.export_state())
+        Engine(fouled.opened.plan, {}).restore_state(fouled.engine().export_state())
 
 
 def test_a_baseline_that_does_not_fit_the_declaration_is_refused(fouled: Lab) -> None:
@@ -366,7 +372,7 @@ def test_the_daemon_and_the_replay_say_the_same_and_the_report_tells_it(fouled: 
     assert kept == alarm_to_document(told)
     page = write_report(store, site_info(fouled.opened), tmp_path / "report.html").read_text()
     store.close()
-    text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
+    text = re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", page)))
     for words in (
         "Heat-exchanger resistance up 2",
         "Laboratory chiller: the machine's own physics",
@@ -385,16 +391,16 @@ def test_the_daemon_and_the_replay_say_the_same_and_the_report_tells_it(fouled: 
 def test_what_cannot_be_identified_is_said_with_its_reason_and_its_power_is_watched(
     fouled: Lab, tmp_path: Path
 ) -> None:
-    plan, site = fouled.opened.plan, site_info(fouled.opened)
+    whole, site = fouled.opened.plan, site_info(fouled.opened)
     # Two weeks of healthy data under a gate that wants 30 days.
-    strict = replace(plan.chillers[0], config=replace(plan.chillers[0].config, gate=GateLimits(days=30)))
-    plan = replace(plan, chillers=(strict,))
-    short = learn_chiller(plan, strict, read_span(fouled.opened, None, date_of(14)))
+    strict = replace(whole.chillers[0], config=replace(whole.chillers[0].config, gate=GateLimits(days=30)))
+    short_plan = replace(whole, chillers=(strict,))
+    short = learn_chiller(short_plan, strict, read_span(fouled.opened, None, date_of(14)))
     assert short.baseline.diagnostics["level"] == "power residual only"
     assert any("14 days of baseline" in w for w in short.warnings)
     store = open_store(StoreConfig.of({"kind": "sqlite", "path": tmp_path / "short.sqlite", "site": "short"}))
     accept(store, short.baseline)
-    got = Engine(plan, in_force(store, ["lab"])).step(fouled.stream.between(None, START + 30 * DAY))
+    got = Engine(short_plan, in_force(store, ["lab"])).step(fouled.stream.between(None, START + 30 * DAY))
     assert got.alarms == []
     assert {n for r in got.rows for n in r.names if r.measurement == "charts"} == {
         "lab/power:daily",
@@ -412,3 +418,30 @@ def test_a_history_without_steady_points_has_no_baseline(fouled: Lab) -> None:
     history = read_span(opened, None, date_of(0.02))
     with pytest.raises(IdentifyError, match="lab"):
         learn_chiller(opened.plan, opened.plan.chillers[0], history)
+
+
+def test_filters_do_not_notice_a_chiller_beside_them(fouled: Lab, healthy: Truth) -> None:
+    alone = plan()
+    chiller = fouled.opened.plan.chillers[0]
+    points = (*alone.points, *fouled.opened.plan.points)
+    both = replace(alone, points=points, chillers=(replace(chiller, when=None),))
+    beside = Engine(both, {**baselines(), "lab": fouled.baseline.baseline})
+    assert [w.name for w in beside.watched] == ["south", "north", "lab"]
+    got = beside.step(healthy.batch())
+    assert beside.counts.get("chiller failed: lab (ValueError)") is None
+    expected = Engine(alone, baselines()).step(healthy.batch())
+    own = [c for c in cells([got])[0] if not str(c[2]).startswith("lab/")]
+    assert own == cells([expected])[0]
+    assert {c[2] for c in cells([got])[0] if str(c[2]).startswith("lab/")} >= {"lab/steady"}
+
+
+def test_the_real_chiller_is_not_identifiable(shared_data: Path) -> None:
+    site = Path(__file__).resolve().parents[2] / "docs" / "studies" / "real-chiller.yaml"
+    data = shared_data / "esb_chiller1_raw_5min.csv.gz"
+    (found,) = study_site(site, data, since=None, until=None, only=None, html=None, console=QUIET)
+    told = found.document()
+    assert sum(told["samples"].values()) == 12798
+    assert told["gate"]["level"] == "power residual only"
+    assert "not identifiable, because" in told["verdict"]
+    assert "independent ones" in told["verdict"]
+    assert told["finding"] is None
