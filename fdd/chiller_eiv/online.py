@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from itertools import groupby
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from fdd.chiller_eiv.model import ChillerError
 from fdd.chiller_eiv.power_residual import DAY, DailyMonitor, DailyVerdict, daily_medians
 from fdd.chiller_eiv.steady_state import SteadyPoints, steady_points
 from fdd.records import FloatArray, IntArray, JsonObject
+
+SCHEMA = 2
 
 RECENT_WEEKS = 8
 """Weeks of steady points kept for sensor checks and cost."""
@@ -298,14 +301,14 @@ class ChillerMonitor:
     def export_state(self) -> JsonObject:
         """Plain data: JSON scalars, lists and numpy arrays."""
         return {
-            "schema": 1,
+            "schema": SCHEMA,
             "times": np.array(self._times, dtype=np.int64),
             "rows": np.array(self._rows).reshape(len(self._rows), len(self._names)),
             "settled": self._settled,
             "first": self._first,
             "last": self._last,
             "hours": list(self._hours),
-            "points": [export_points(p) for p in self._points],
+            "points": export_points(self._points),
             "baseline": None if self.baseline is None else self.baseline.export_state(),
             "daily": {k: m.export_state() for k, m in self._daily.items()},
             "drift": None if self._drift is None else self._drift.export_state(),
@@ -322,8 +325,10 @@ class ChillerMonitor:
         ------
         ChillerError : state of another schema
         """
-        if state.get("schema") != 1:
-            raise ChillerError(f"chiller state has schema {state.get('schema')!r}, this version reads 1: start it anew")
+        if state.get("schema") != SCHEMA:
+            raise ChillerError(
+                f"chiller state has schema {state.get('schema')!r}, this version reads {SCHEMA}: start it anew"
+            )
         self.baseline = None if state["baseline"] is None else ChillerBaseline.of_state(state["baseline"], self.config)
         self._charts()
         self._times = [int(t) for t in state["times"]]
@@ -332,7 +337,7 @@ class ChillerMonitor:
         self._first = None if state["first"] is None else int(state["first"])
         self._last = None if state["last"] is None else int(state["last"])
         self._hours = [float(h) for h in state["hours"]]
-        self._points = [points_of_state(p) for p in state["points"]]
+        self._points = points_of_state(state["points"])
         for k, m in self._daily.items():
             m.restore_state(state["daily"][k])
         if self._drift is not None and state["drift"] is not None:
@@ -367,23 +372,40 @@ def join(parts: list[SteadyPoints]) -> SteadyPoints:
     )
 
 
-def export_points(points: SteadyPoints) -> JsonObject:
-    """Steady points as plain data."""
-    return {
-        "time": points.time,
-        "samples": points.samples,
-        "raw": dict(points.raw),
-        "standard_error": dict(points.standard_error),
-        "balance": points.balance,
-    }
+def export_points(parts: list[SteadyPoints]) -> list[JsonObject]:
+    """Steady points as plain data; neighbours with the same quantities share arrays, so that a state stays small."""
+    out = []
+    for names, same in groupby(parts, key=lambda p: (tuple(p.raw), tuple(p.standard_error))):
+        group = list(same)
+        out.append(
+            {
+                "lengths": [len(p) for p in group],
+                "raw_names": list(names[0]),
+                "error_names": list(names[1]),
+                "time": np.concatenate([p.time for p in group]),
+                "samples": np.concatenate([p.samples for p in group]),
+                "balance": np.concatenate([p.balance for p in group]),
+                "raw": np.array([np.concatenate([p.raw[k] for p in group]) for k in names[0]]),
+                "error": np.array([np.concatenate([p.standard_error[k] for p in group]) for k in names[1]]),
+            }
+        )
+    return out
 
 
-def points_of_state(state: JsonObject) -> SteadyPoints:
+def points_of_state(state: list[JsonObject]) -> list[SteadyPoints]:
     """Steady points from plain data."""
-    return SteadyPoints(
-        np.asarray(state["time"], dtype=np.int64),
-        np.asarray(state["samples"], dtype=np.int64),
-        {k: np.asarray(v, dtype=float) for k, v in state["raw"].items()},
-        {k: np.asarray(v, dtype=float) for k, v in state["standard_error"].items()},
-        np.asarray(state["balance"], dtype=float),
-    )
+    parts = []
+    for g in state:
+        ends = np.cumsum(g["lengths"])
+        for start, stop in zip(ends - np.asarray(g["lengths"]), ends, strict=True):
+            at = slice(int(start), int(stop))
+            parts.append(
+                SteadyPoints(
+                    np.asarray(g["time"], dtype=np.int64)[at],
+                    np.asarray(g["samples"], dtype=np.int64)[at],
+                    {k: np.asarray(row, dtype=float)[at] for k, row in zip(g["raw_names"], g["raw"], strict=True)},
+                    {k: np.asarray(row, dtype=float)[at] for k, row in zip(g["error_names"], g["error"], strict=True)},
+                    np.asarray(g["balance"], dtype=float)[at],
+                )
+            )
+    return parts
