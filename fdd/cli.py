@@ -411,6 +411,19 @@ def store_export(
         out.print(str(path), soft_wrap=True)
 
 
+@app.command(epilog=example("fdd status plant.yaml", "fdd status plant.yaml --json"))
+def status(site_file: SiteFile, as_json: AsJson = False) -> None:
+    """Say how the service stands: samples, lag, charts, baselines, jobs, open alarms."""
+    from fdd.service.status import print_status, read_status
+
+    found = read_status(site_file)
+    if as_json:
+        _print_json(found)
+    else:
+        print_status(found, out)
+    raise typer.Exit(0 if found["state"] == "running" else 1)
+
+
 @app.command(epilog=example("fdd models", "fdd models radiator"))
 def models(
     name: Annotated[str | None, typer.Argument(help="One model: its equations' quantities and parameters.")] = None,

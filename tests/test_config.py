@@ -17,6 +17,8 @@ from fdd.config import (
     InfluxStore,
     ParameterSpec,
     Point,
+    Reidentify,
+    Reports,
     Site,
     SqliteStore,
     Tariffs,
@@ -69,6 +71,10 @@ def test_twelve_lines_are_enough_for_a_strangers_csv() -> None:
         ("name: x\npoints:\n  a: {unit: %}\n", 3, "", "in quotes"),
         ("name: x\nname: y\n", 2, "", "Keep one"),
         ("name: x\npoints:\n  a: {range: [5, 1]}\n", 3, "points.a.range", "lowest, highest"),
+        ('name: x\nreidentify: {at: "25:00"}\n', 2, "reidentify.at", "02:30"),
+        ("name: x\nreidentify: {every: 36 h}\n", 2, "reidentify.every", "'1 d'"),
+        ("name: x\nreports: {every: daily}\n", 2, "reports.every", "weekly"),
+        ("name: x\nmetrics: here\n", 2, "metrics", "127.0.0.1:9464"),
         ("name: x\nstep: 5\n", 2, "step", "'5 min'"),
         ("name: x\nstep: -5 min\n", 2, "step", "not positive"),
         ("name: x\nzone: Mars/Base\n", 2, "zone", "IANA"),
@@ -331,7 +337,7 @@ def test_a_kind_of_source_is_registered_once() -> None:
 
 
 def _tables() -> Iterator[tuple[str, type[BaseModel]]]:
-    own = [Site, Point, Equipment, ParameterSpec, Charts, Tariffs, SqliteStore, InfluxStore]
+    own = [Site, Point, Equipment, ParameterSpec, Charts, Tariffs, Reidentify, Reports, SqliteStore, InfluxStore]
     yield from ((t.__name__, t) for t in own)
     for kind in kinds():
         options = options_type(kind)

@@ -132,6 +132,44 @@ class Tariffs(Strict):
     electricity: float | None = Field(default=None, ge=0, description="price of electricity per kWh")
 
 
+class Reidentify(Strict):
+    """When baselines are identified anew. Only what passes every gate is put in force."""
+
+    every: Duration = Field(default=86400.0, description="how often, in whole days")
+    at: str = Field(default="02:30", description="time of the day, in the site's zone")
+    window: Duration = Field(default=28 * 86400.0, description="how far back the history reaches")
+    approval: bool = Field(default=False, description="a person approves each new baseline: fdd baselines --approve")
+
+    @field_validator("every")
+    @classmethod
+    def _whole_days(cls, value: float) -> float:
+        if value % 86400.0:
+            raise refusal(f"{value:g} s is no whole number of days", "Give it in days, like '1 d' or '7 d'.")
+        return value
+
+    @field_validator("at")
+    @classmethod
+    def _clock(cls, value: str) -> str:
+        hour, colon, minute = value.partition(":")
+        if not (colon and hour.isdigit() and minute.isdigit() and int(hour) < 24 and int(minute) < 60):
+            raise refusal(f"{value!r} is no time of the day", 'Write it in quotes, like "02:30".')
+        return value
+
+    @property
+    def time_of_day(self) -> tuple[int, int]:
+        """Hour and minute."""
+        hour, _, minute = self.at.partition(":")
+        return int(hour), int(minute)
+
+
+class Reports(Strict):
+    """When reports are written, early on Monday or on the first of the month."""
+
+    every: Literal["weekly", "monthly"] = Field(description="weekly or monthly")
+    folder: Path = Field(default=Path("reports"), description="where reports go, relative to the site file")
+    pdf: bool = Field(default=False, description="write a PDF beside the HTML")
+
+
 class SqliteStore(Strict):
     """The embedded store."""
 
@@ -174,11 +212,25 @@ class Site(Strict):
     false_alarms_per_year: float = Field(default=1.0, gt=0, description="false alarms a year, for the whole plant")
     tariffs: Tariffs = Field(default=Tariffs(), description="prices")
     store: Store = Field(default=SqliteStore(), description="where results are kept")
+    reidentify: Reidentify | None = Field(default=None, description="when baselines are identified anew; unset: never")
+    reports: Reports | None = Field(default=None, description="when reports are written; unset: never")
+    metrics: str | None = Field(
+        default=None, description="host:port where the daemon serves /metrics (Prometheus) and /health"
+    )
     sources: tuple[SerializeAsAny[SourceOptions], ...] = Field(default=(), description="where samples come from")
     points: dict[str, Point] = Field(default={}, description="point name to what it is")
     equipment: dict[str, Equipment] = Field(default={}, description="equipment name to what it is")
 
     _folder: Path = PrivateAttr(default_factory=Path.cwd)
+
+    @field_validator("metrics")
+    @classmethod
+    def _address(cls, value: str | None) -> str | None:
+        if value is not None:
+            host, _, port = value.rpartition(":")
+            if not host or not port.isdigit() or int(port) > 65535:
+                raise refusal(f"{value!r} is no address", "Write host:port, like 127.0.0.1:9464.")
+        return value
 
     @property
     def folder(self) -> Path:

@@ -249,6 +249,11 @@ class Charts:
         normal = ~alarm | (verdicts.statistic < NORMAL * verdicts.limit)
         return ChartStep(verdicts, rang, normal)
 
+    @property
+    def phases(self) -> dict[str, int]:
+        """How many charts are in each phase."""
+        return {p.name.lower().replace("_", " "): int((self._phase == p).sum()) for p in Phase}
+
     def estimate(self, stream: int, updates: int) -> JsonObject:
         """Size of what a stream has found, where its chart can tell."""
         family = int(np.searchsorted(self._edges, stream, side="right")) - 1

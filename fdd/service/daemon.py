@@ -6,28 +6,43 @@ outputs, and every so often save the state together with the source's position.
 
 from __future__ import annotations
 
+import os
 import time as clock
 from collections.abc import Callable
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import structlog
 
-from fdd.records import Batch, JsonObject, Rows
+from fdd.records import NANOSECONDS, Batch, JsonObject, Rows
 from fdd.service.alarms import AlarmError, Command, alarm_to_document
 from fdd.service.baselines import in_force, versions_in_force
 from fdd.service.checkpoint import Checkpoint, Rebase
 from fdd.service.engine import Engine, EngineError, Outputs
 from fdd.service.feed import Feed
+from fdd.service.metrics import MetricsServer
+from fdd.service.schedule import JobRunner
+from fdd.service.systemd import Watchdog
+from fdd.store.spool import SpooledStore
 from fdd.store.store import Store
 
 log = structlog.get_logger()
 
 # An operator waits no longer than this for a command to be seen.
 POLL_SECONDS = 1.0
+STATUS_SECONDS = 10.0
 # New baselines are rare, and looking costs a read of every pointer.
 BASELINE_SECONDS = 5.0
+
+
+def resident_bytes() -> int:
+    """Resident memory of this process; 0 where the system does not tell."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, IndexError):
+        return 0
 
 
 class Daemon:
@@ -49,6 +64,8 @@ class Daemon:
         save_every: int = 100,
         watch: Callable[[Daemon], None] | None = None,
         now: Callable[[], float] = clock.time,
+        jobs: JobRunner | None = None,
+        metrics: MetricsServer | None = None,
     ) -> None:
         self.engine, self._store, self._checkpoint = engine, store, checkpoint
         self._save_every, self._watch, self._now = save_every, watch, now
@@ -57,6 +74,13 @@ class Daemon:
         self._unsaved = 0
         self._polled = 0.0
         self._compared = 0.0
+        self._jobs, self._metrics = jobs, metrics
+        self._watchdog = Watchdog()
+        self._told = 0.0
+        self._job_failures = 0
+        self._rate = (now(), 0)
+        self.reload: Callable[[Daemon], bool] | None = None
+        self.reload_wanted = False
         self._refused: set[tuple[str, int]] = set()
         self._feed: Feed | None = None
         self.samples = 0
@@ -69,6 +93,8 @@ class Daemon:
             self.engine.restore_state(state["engine"])
             self._position, self._commanded = state["position"], state["commanded"]
             self.samples, self.frames = state["samples"], state["frames"]
+            if self._jobs:
+                self._jobs.restore(state.get("jobs", {}))
         replayed = 0
         for entry in self._checkpoint.entries():
             replayed += 1
@@ -82,18 +108,26 @@ class Daemon:
             log.info("recovered", journal_entries=replayed, position=self._position)
         return self._position
 
-    def run(self, feed: Feed) -> None:
-        """Take batches until the sources end or are stopped."""
+    @property
+    def position(self) -> JsonObject:
+        """Where the sources stand after the last batch."""
+        return self._position
+
+    def run(self, feed: Feed) -> bool:
+        """Take batches until the sources end or are stopped; True where new sources are to be opened instead."""
         self._feed = feed
         for batch in feed.batches():
             if len(batch) or batch.position != self._position:
                 self._checkpoint.journal(batch)
                 self._take(batch)
             self._poll()
+            if self.reload_wanted and self._reload():
+                return True
             if self._unsaved >= self._save_every:
                 self.save()
             if self._watch:
                 self._watch(self)
+        return False
 
     def finish(self) -> None:
         """The stream has ended for good: close the open frames and save."""
@@ -110,6 +144,7 @@ class Daemon:
                 "commanded": self._commanded,
                 "samples": self.samples,
                 "frames": self.frames,
+                "jobs": self._jobs.state if self._jobs else {},
             }
         )
         self._unsaved = 0
@@ -129,9 +164,7 @@ class Daemon:
                 fields={"value": np.array(list(counts.values()), dtype=np.float64)},
             )
         )
-        self._store.put(
-            "run", "daemon", {"key": "daemon", "samples": self.samples, "frames": self.frames, "time": self.engine.time}
-        )
+        self._tell()
 
     def _take(self, batch: Batch) -> None:
         outputs = self.engine.step(batch)
@@ -157,10 +190,80 @@ class Daemon:
         if now - self._polled < POLL_SECONDS:
             return
         self._polled = now
+        self._watchdog.alive()
+        if self._metrics:
+            self._metrics.alive()
         self._poll_commands()
+        if self._jobs and self.engine.time is not None:
+            self._record(self._jobs.tick(self.engine.time))
+        if now - self._told >= STATUS_SECONDS:
+            self._tell()
         if now - self._compared >= BASELINE_SECONDS:
             self._compared = now
             self._poll_baselines()
+
+    def _record(self, ended: list[JsonObject]) -> None:
+        for document in ended:
+            self._job_failures += document["state"] != "done"
+            self._store.put("run", document["key"], document)
+
+    def stop_jobs(self) -> None:
+        """Stop the jobs that are running; they are done again when they are next due."""
+        if self._jobs:
+            self._record(self._jobs.stop())
+
+    def status(self) -> JsonObject:
+        """How the service stands, for ``fdd status``, the metrics and the dashboards."""
+        now, time = self._now(), self.engine.time
+        before, samples = self._rate
+        spool = self._store.status if isinstance(self._store, SpooledStore) else None
+        return {
+            "key": "daemon",
+            "pid": os.getpid(),
+            "wall": now,
+            "samples": self.samples,
+            "frames": self.frames,
+            "samples_per_second": round((self.samples - samples) / max(now - before, 1e-9), 1),
+            "time": time,
+            "lag_seconds": None if time is None else round(now - time / NANOSECONDS, 1),
+            "open_alarms": len(self.engine.alarms.open),
+            "phases": self.engine.phases,
+            "counts": self.engine.counts | (self._feed.counters() if self._feed else {}),
+            "spool_bytes": None if spool is None else spool.pending_bytes,
+            "spool_problem": "" if spool is None else spool.problem,
+            "baselines": self.engine.versions,
+            "jobs_next": self._jobs.state if self._jobs else {},
+            "job_failures": self._job_failures,
+            "rss_bytes": resident_bytes(),
+        }
+
+    def _tell(self) -> None:
+        status = self.status()
+        self._told = self._now()
+        self._rate = (self._told, self.samples)
+        self._store.put("run", "daemon", status)
+        if self._metrics:
+            self._metrics.publish(status)
+
+    def _reload(self) -> bool:
+        """Read the site file again; True where the sources are others and have to be opened anew."""
+        self.reload_wanted = False
+        return bool(self.reload and self.reload(self))
+
+    def adopt(self, engine: Engine, jobs: JobRunner) -> None:
+        """Go on with another engine, made of a new site file, from the state of the present one.
+
+        Raises
+        ------
+        EngineError
+            The new site has other equipment; the present engine stays.
+        """
+        engine.restore_state(self.engine.export_state())
+        if self._jobs:
+            jobs.restore(self._jobs.state)
+            self.stop_jobs()
+        self.engine, self._jobs = engine, jobs
+        self.save()  # what is journaled belongs to the site as it was
 
     def _poll_baselines(self) -> None:
         """Take up baselines that a job or a person has put in force."""

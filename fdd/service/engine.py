@@ -73,6 +73,11 @@ class Engine:
         return {**self._framer.counts, **restarts, **self._chillers.counts}
 
     @property
+    def phases(self) -> dict[str, int]:
+        """How many charts of filters are in each phase."""
+        return self._charts.phases
+
+    @property
     def notes(self) -> list[str]:
         """The last failure of each chiller in words."""
         return list(self._chillers.notes.values())

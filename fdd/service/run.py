@@ -10,12 +10,16 @@ from types import FrameType
 import structlog
 
 from fdd.config import Site
+from fdd.records import JsonObject
+from fdd.service import systemd
 from fdd.service.checkpoint import Checkpoint
 from fdd.service.daemon import Daemon
 from fdd.service.errors import UsageError
 from fdd.service.feed import Feed
-from fdd.service.opened import open_site
+from fdd.service.metrics import MetricsServer
+from fdd.service.opened import Opened, open_site
 from fdd.service.replay import ready_engine
+from fdd.service.schedule import JobRunner, jobs_of
 
 log = structlog.get_logger()
 
@@ -23,36 +27,136 @@ log = structlog.get_logger()
 def run_site(site_file: Path, *, until_end: bool, fresh: bool) -> Daemon:
     """Run a site until its sources end (``until_end``) or a signal comes; returns the daemon as it stopped.
 
+    SIGHUP reads the site file and the baselines again; a file that cannot be used is refused, and the service goes on
+    as it was. SIGTERM and SIGINT stop it after the batch at hand.
+
     Raises
     ------
     UsageError : the site names no sources, or no component has a baseline
     """
-    structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
-    opened = open_site(site_file)
-    if not opened.site.sources:
-        raise UsageError(f"{site_file}: the site names no sources; add one, or use `fdd replay SITE DATA` for a file")
+    _configure_log()
+    opened = _with_sources(site_file)
     if fresh:
         for suffix in ("", "-wal", "-shm"):
             Path(f"{opened.checkpoint_path}{suffix}").unlink(missing_ok=True)
     engine = ready_engine(opened)
-    site = _ending(opened.site) if until_end else opened.site
-    checkpoint, store, feed = Checkpoint(opened.checkpoint_path), opened.store(), Feed(site)
-    daemon = Daemon(engine, store, checkpoint)
-    _stop_on_signals(feed)
-    feed.open(daemon.recover() or None, patient=True)
-    log.info("running", site=opened.site.name, watched=[c.name for c in engine.watched])
+    checkpoint, store = Checkpoint(opened.checkpoint_path), opened.store()
+    metrics = _metrics(opened)
+    daemon = Daemon(engine, store, checkpoint, jobs=_jobs(opened, site_file), metrics=metrics)
+    service = _Service(site_file, opened, daemon, until_end)
+    daemon.reload = service.reload
+    service.listen()
     try:
-        daemon.run(feed)
-        if until_end and not feed.stopped:
+        service.open(daemon.recover())
+        log.info("running", site=opened.site.name, watched=[c.name for c in engine.watched])
+        systemd.notify("READY=1")
+        while daemon.run(service.feed):
+            service.reopen()
+        systemd.notify("STOPPING=1")
+        daemon.stop_jobs()
+        if until_end and not service.feed.stopped:
             daemon.finish()
         else:
             daemon.save()
-        log.info("stopped", samples=daemon.samples, frames=daemon.frames, counts=engine.counts | feed.counters())
+        counts = daemon.engine.counts | service.feed.counters()
+        log.info("stopped", samples=daemon.samples, frames=daemon.frames, counts=counts)
     finally:
-        feed.close()
+        daemon.stop_jobs()
+        service.feed.close()
         store.close()
         checkpoint.close()
+        if metrics:
+            metrics.close()
     return daemon
+
+
+class _Service:
+    """The feed of a running daemon, and what signals do to both."""
+
+    def __init__(self, site_file: Path, opened: Opened, daemon: Daemon, until_end: bool) -> None:
+        self._site_file, self._opened, self._daemon, self._until_end = site_file, opened, daemon, until_end
+        self.feed = self._feed()
+
+    def _feed(self) -> Feed:
+        return Feed(_ending(self._opened.site) if self._until_end else self._opened.site)
+
+    def open(self, position: JsonObject) -> None:
+        """Open the sources where the daemon stands."""
+        self.feed.open(position or None, patient=True)
+
+    def reopen(self) -> None:
+        """The sources have changed: open the new ones where the daemon stands."""
+        self.feed.close()
+        self.feed = self._feed()
+        self.open(self._daemon.position)
+
+    def listen(self) -> None:
+        """Take signals; the work is done by the loop."""
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._stop)
+        signal.signal(signal.SIGHUP, self._hang_up)
+
+    def _stop(self, number: int, _frame: FrameType | None) -> None:
+        log.info("stopping", signal=signal.Signals(number).name)
+        self.feed.stop()
+
+    def _hang_up(self, _number: int, _frame: FrameType | None) -> None:
+        self._daemon.reload_wanted = True
+
+    def reload(self, daemon: Daemon) -> bool:
+        """Take up the site file as it is now; True where its sources or points are others than before."""
+        systemd.reloading()
+        before = self._opened
+        try:
+            opened = _with_sources(self._site_file)
+            for key in ("name", "step", "store"):
+                if getattr(opened.site, key) != getattr(before.site, key):
+                    raise UsageError(f"{key!r} has changed; that needs a restart of the service")
+            daemon.adopt(ready_engine(opened), _jobs(opened, self._site_file))
+        except Exception as error:  # whatever is wrong with the new file, the plant is still watched by the old one
+            log.error("reload refused, going on as before", reason=str(error))
+            return False
+        else:
+            log.info("reloaded", watched=[c.name for c in daemon.engine.watched])
+            self._opened = opened
+            return (opened.site.sources, opened.site.points) != (before.site.sources, before.site.points)
+        finally:
+            systemd.notify("READY=1")
+
+
+def _with_sources(site_file: Path) -> Opened:
+    opened = open_site(site_file)
+    if not opened.site.sources:
+        raise UsageError(f"{site_file}: the site names no sources; add one, or use `fdd replay SITE DATA` for a file")
+    return opened
+
+
+def _jobs(opened: Opened, site_file: Path) -> JobRunner:
+    return JobRunner(jobs_of(opened.site, site_file), opened.state_folder)
+
+
+def _metrics(opened: Opened) -> MetricsServer | None:
+    if opened.site.metrics is None:
+        return None
+    host, _, port = opened.site.metrics.rpartition(":")
+    try:
+        return MetricsServer((host, int(port)))
+    except OSError as problem:
+        raise UsageError(f"metrics: cannot serve on {opened.site.metrics}: {problem}; give another port") from problem
+
+
+def _configure_log() -> None:
+    """Lines for people on a terminal, JSON lines for a journal; always on stderr."""
+    renderer = structlog.dev.ConsoleRenderer() if sys.stderr.isatty() else structlog.processors.JSONRenderer()
+    structlog.configure(
+        processors=[
+            structlog.processors.add_log_level,
+            structlog.processors.TimeStamper(fmt="iso", utc=True),
+            structlog.processors.format_exc_info,
+            renderer,
+        ],
+        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+    )
 
 
 def _ending(site: Site) -> Site:
@@ -61,12 +165,3 @@ def _ending(site: Site) -> Site:
         s.model_copy(update={"until_end": True}) if "until_end" in type(s).model_fields else s for s in site.sources
     )
     return site.model_copy(update={"sources": sources})
-
-
-def _stop_on_signals(feed: Feed) -> None:
-    def stop(number: int, _frame: FrameType | None) -> None:
-        log.info("stopping", signal=signal.Signals(number).name)
-        feed.stop()
-
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, stop)

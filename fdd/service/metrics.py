@@ -1,0 +1,113 @@
+"""``/metrics`` in the text format of Prometheus and ``/health``, from a standard library server on a thread.
+
+The loop publishes a whole document now and then; the server only reads the last one, so that a scrape never waits for
+a frame and a frame never for a scrape.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time as clock
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+
+from fdd.records import JsonObject
+
+# A loop that has not come round for so long hangs.
+STALE_SECONDS = 60.0
+HELP = {
+    "fdd_samples_total": ("counter", "Samples taken in."),
+    "fdd_frames_total": ("counter", "Frames closed."),
+    "fdd_lag_seconds": ("gauge", "Wall clock less the event time of the last closed frame."),
+    "fdd_open_alarms": ("gauge", "Alarms that are not cleared."),
+    "fdd_charts": ("gauge", "Charts in each phase."),
+    "fdd_counts_total": ("counter", "What became of samples and filters, by reason."),
+    "fdd_spool_bytes": ("gauge", "Outputs that wait on disk for the store."),
+    "fdd_baseline_version": ("gauge", "Version of the baseline in force."),
+    "fdd_job_failures_total": ("counter", "Scheduled jobs that failed."),
+    "fdd_resident_memory_bytes": ("gauge", "Resident memory of the daemon."),
+}
+
+
+def exposition(status: JsonObject) -> str:
+    """The status document as Prometheus' text format 0.0.4."""
+    values: dict[str, list[tuple[str, float]]] = {
+        "fdd_samples_total": [("", status["samples"])],
+        "fdd_frames_total": [("", status["frames"])],
+        "fdd_lag_seconds": [("", status["lag_seconds"])] if status.get("lag_seconds") is not None else [],
+        "fdd_open_alarms": [("", status["open_alarms"])],
+        "fdd_charts": [(_label("phase", k), v) for k, v in status["phases"].items()],
+        "fdd_counts_total": [(_label("reason", k), v) for k, v in status["counts"].items()],
+        "fdd_spool_bytes": [("", status["spool_bytes"])] if status.get("spool_bytes") is not None else [],
+        "fdd_baseline_version": [(_label("component", k), v) for k, v in status["baselines"].items()],
+        "fdd_job_failures_total": [("", status["job_failures"])],
+        "fdd_resident_memory_bytes": [("", status["rss_bytes"])],
+    }
+    lines = []
+    for name, (kind, text) in HELP.items():
+        if values[name]:
+            lines += [f"# HELP {name} {text}", f"# TYPE {name} {kind}"]
+            lines += [f"{name}{label} {value:.17g}" for label, value in values[name]]
+    return "\n".join(lines) + "\n"
+
+
+def _label(name: str, value: str) -> str:
+    escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
+    return f'{{{name}="{escaped}"}}'
+
+
+class MetricsServer:
+    """Serves the last status that was published.
+
+    Parameters
+    ----------
+    address : host and port; port 0 takes a free one
+    """
+
+    def __init__(self, address: tuple[str, int]) -> None:
+        self._status: JsonObject | None = None
+        self._alive = clock.monotonic()
+        outer = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                code, kind, body = outer._answer(self.path)
+                self.send_response(code)
+                self.send_header("Content-Type", kind)
+                self.send_header("Content-Length", str(len(body)))
+                self.end_headers()
+                self.wfile.write(body)
+
+            def log_message(self, format: str, *args: object) -> None:
+                """A scrape every few seconds is no news."""
+
+        self._server = ThreadingHTTPServer(address, Handler)
+        self._server.daemon_threads = True
+        self.address = (str(self._server.server_address[0]), int(self._server.server_address[1]))
+        threading.Thread(target=self._server.serve_forever, daemon=True, name="metrics").start()
+
+    def alive(self) -> None:
+        """The loop has come round."""
+        self._alive = clock.monotonic()
+
+    def publish(self, status: JsonObject) -> None:
+        """What the next requests are told."""
+        self._status = status
+
+    def _answer(self, path: str) -> tuple[int, str, bytes]:
+        silent = clock.monotonic() - self._alive
+        match path.partition("?")[0]:
+            case "/metrics":
+                text = exposition(self._status) if self._status else ""
+                return 200, "text/plain; version=0.0.4; charset=utf-8", text.encode()
+            case "/health":
+                healthy = silent < STALE_SECONDS
+                document = {"healthy": healthy, "seconds_since_last_turn": round(silent, 1)}
+                return 200 if healthy else 503, "application/json", json.dumps(document).encode()
+            case _:
+                return 404, "text/plain", b"there are /metrics and /health\n"
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._server.shutdown()
+        self._server.server_close()
