@@ -52,6 +52,7 @@ class Cusum(Chart):
         if not 0 <= head_start < 1:
             raise ValueError(f"cusum chart: head_start is {head_start}; give a share of the limit in [0, 1)")
         self.head_start = float(head_start)
+        self._forgiven = np.zeros(self.n)
         self.upper = self.limit * self.head_start
         self.lower = self.limit * self.head_start
         self.upper_age = np.zeros(self.n, dtype=np.int64)
@@ -65,9 +66,16 @@ class Cusum(Chart):
         limit = limit_for("cusum", arl, k=k, head_start=head_start, shift_sd=shift_sd)
         return cls(limit, k=k, head_start=head_start, learn=learn)
 
+    def forgive(self, shift: ArrayLike) -> None:
+        """Forgive these shifts from now on, shape (n,) [standard deviations]: so much is added to k.
+
+        For shifts of the mean that an imperfect baseline explains, where their size changes from update to update.
+        """
+        self._forgiven = np.array(np.broadcast_to(np.asarray(shift, dtype=np.float64), (self.n,)))
+
     def _step(self, z: FloatArray) -> Verdicts:
         phase, statistic, direction, age = _cusum(
-            z, self.k, self.limit, self.upper, self.lower, self.upper_age, self.lower_age,
+            z, self.k + self._forgiven, self.limit, self.upper, self.lower, self.upper_age, self.lower_age,
             self.latched, self.side, self.onset,
         )  # fmt: skip
         return Verdicts(phase, statistic, self.limit, direction, age)

@@ -33,8 +33,9 @@ NORMAL = 0.25
 NORMAL_95 = 1.96
 # A parameter whose relative standard error is beyond this is not worth a point on a plot.
 VAGUE = 0.5
-# No model is right to better than this: every physical parameter is granted so large a relative error for good.
-MODEL_ERROR = 0.01
+# No model is right to better than a per cent: every physical parameter is granted this relative standard error for
+# good, of which charts forgive ALLOWANCE times as much. This is the floor on the changes that are found.
+MODEL_ERROR = 0.005
 # A score block is longer than a filter's memory and shorter than the delay one wants.
 SCORE_BLOCK = 6 * 3600 * NANOSECONDS
 
@@ -98,7 +99,8 @@ class InnovationCharts:
 
     def update(self, steps: Sequence[GroupStep]) -> Verdicts:
         """Feed the standardised innovations; what the baselines' granted errors would move them by is forgiven."""
-        self._chart.forgive(np.concatenate([np.empty(0), *map(self._forgiven, range(len(steps)), steps)])[self._carried])
+        forgiven = [self._forgiven(i, step) for i, step in enumerate(steps)]
+        self._chart.forgive(np.concatenate([np.empty(0), *forgiven])[self._carried])
         return self._chart.update(
             np.concatenate([np.empty(0), *(s.standardised.ravel() for s in steps)])[self._carried]
         )

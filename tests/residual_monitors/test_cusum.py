@@ -113,3 +113,28 @@ def test_update_is_cheap(n: int, microseconds: float) -> None:
             chart.update(z)
         best = min(best, (time.perf_counter() - begun) / 20)
     assert best * 1e6 < microseconds
+
+
+def test_forgiven_shift_is_added_to_the_reference_value() -> None:
+    chart = Cusum([5.0, 5.0], k=0.5)
+    chart.forgive([0.0, 1.0])
+    np.testing.assert_allclose(chart.update([2.0, 2.0]).statistic, [1.5, 0.5])
+    np.testing.assert_allclose(chart.update([-3.0, -3.0]).statistic, [2.5, 1.5])
+    chart.forgive(0.0)
+    np.testing.assert_allclose(chart.update([-1.0, -1.0]).statistic, [3.0, 2.0])
+
+
+def test_forgiving_a_standing_bias_restores_the_promised_rate() -> None:
+    rng = default_rng(8)
+    plain, forgiving = Cusum.design(np.full(400, 300.0)), Cusum.design(np.full(400, 300.0))
+    forgiving.forgive(0.4)
+    rings = np.zeros(2)
+    for _ in range(1000):
+        z = rng.standard_normal(400) + 0.4
+        for i, chart in enumerate((plain, forgiving)):
+            rang = chart.update(z).phase == Phase.ALARM
+            rings[i] += rang.sum()
+            chart.reset(rang)
+    promised = 400 * 1000 / 300.0
+    assert rings[0] > 3 * promised  # a chart that forgives nothing breaks its promise
+    assert rings[1] < 1.1 * promised
