@@ -240,16 +240,19 @@ class Charts:
         self.streams = tuple(s for f in self._families for s in f.streams)
         self._edges = np.cumsum([0, *(len(f.streams) for f in self._families)])
         self._phase = np.zeros(len(self.streams), dtype=np.uint8)
+        self._standing = np.zeros(len(self.streams), dtype=np.bool_)
 
     def update(self, steps: Sequence[GroupStep]) -> ChartStep:
         """Feed one frame to every chart; say which have just passed their limits."""
         said = [f.update(steps) for f in self._families]
         verdicts = Verdicts(*(np.concatenate([getattr(v, f.name) for v in said]) for f in fields(Verdicts)))
         alarm = verdicts.phase == Phase.ALARM
-        rang = np.flatnonzero(alarm & (self._phase != Phase.ALARM))
-        self._phase = verdicts.phase
         normal = ~alarm | (verdicts.statistic < NORMAL * verdicts.limit)
-        return ChartStep(verdicts, rang, normal)
+        # A chart stays in alarm until it is reset; one whose evidence was gone and has come back rings again.
+        rang = alarm & (verdicts.statistic >= verdicts.limit) & ~self._standing
+        self._standing = (self._standing | rang) & ~normal
+        self._phase = verdicts.phase
+        return ChartStep(verdicts, np.flatnonzero(rang), normal)
 
     @property
     def phases(self) -> dict[str, int]:
@@ -271,6 +274,7 @@ class Charts:
         for family, start, stop in zip(self._families, self._edges, self._edges[1:], strict=False):
             family.reset(which[start:stop])
         self._phase = np.where(which, np.uint8(Phase.QUIET), self._phase)
+        self._standing &= ~which
 
     def rebase(self, components: set[str]) -> None:
         """These components have new baselines.
@@ -286,16 +290,22 @@ class Charts:
                 which = np.array([s.component in components for s in family.streams])
                 family.reset(which)
                 self._phase[start:stop] = np.where(which, np.uint8(Phase.QUIET), self._phase[start:stop])
+                self._standing[start:stop] &= ~which
 
     def export_state(self) -> JsonObject:
         """The charts as plain data."""
-        return {"families": [f.export_state() for f in self._families], "phase": self._phase.copy()}
+        return {
+            "families": [f.export_state() for f in self._families],
+            "phase": self._phase.copy(),
+            "standing": self._standing.copy(),
+        }
 
     def restore_state(self, state: JsonObject) -> None:
         """Continue where :meth:`export_state` stood."""
         for family, saved in zip(self._families, state["families"], strict=True):
             family.restore_state(saved)
         self._phase = np.array(state["phase"], dtype=np.uint8)
+        self._standing = np.array(state["standing"], dtype=np.bool_)
 
 
 def _physical(group: FilterGroup) -> IntArray:

@@ -137,3 +137,17 @@ def test_state_of_another_site_is_refused_with_a_remedy() -> None:
     other = Engine(plan(), {"south": baselines()["south"]})
     with pytest.raises(EngineError, match="start afresh"):
         other.restore_state(state)
+
+
+def test_a_fault_that_comes_back_raises_its_alarm_again_and_makes_no_new_one(healthy: Truth) -> None:
+    south = healthy.points["south.T"].copy()
+    for start in (3 * DAY, 8 * DAY):
+        south[start : start + 40] += np.where(np.arange(40) % 2 == 0, 0.4, 0.2)
+    flapping = Truth(healthy.time, {**healthy.points, "south.T": south})
+    e = engine()
+    outputs = e.step(flapping.batch())
+    assert len({a.key for a in outputs.alarms}) == 1
+    states = [h["state"] for h in e.alarms.open[0].history]
+    assert states[:3] == [AlarmState.RAISED, AlarmState.RETURNED, AlarmState.RAISED]
+    again = [h["time"] for h in e.alarms.open[0].history if h["state"] == AlarmState.RAISED][1]
+    assert abs(again - int(healthy.time[8 * DAY])) < 60 * STEP * NANOSECONDS
