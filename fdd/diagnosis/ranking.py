@@ -18,15 +18,20 @@ WEIGHT = 3.0
 EITHER = 0
 # A parameter with less than this share of the strongest one's evidence may only be its shadow.
 SHADOW = 0.5
+# Relative change of a parameter from which an alarm is of medium and of high severity.
+MEDIUM, HIGH = 0.1, 0.25
+# A change of fewer standard errors than this is not sure enough for its own severity: it counts one class lower.
+SURE = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a technician reads first: one sentence, causes in order of likelihood, and checks in order."""
+    """What a technician reads first: one sentence, causes in order of likelihood, and checks in order; severity."""
 
     summary: str
     causes: tuple[JsonObject, ...]
     checks: tuple[str, ...]
+    severity: str = "medium"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +57,24 @@ def diagnose(model: ComponentModel, alarm: Alarm) -> Finding:
     total = sum(float(c["likelihood"]) for c in ranked) or 1.0
     causes = tuple({**c, "likelihood": round(float(c["likelihood"]) / total, 3)} for c in ranked)
     checks = tuple(dict.fromkeys(check for cause in causes[:3] for check in cause["checks"]))
-    return Finding(_summary(model, alarm, signs, causes), causes, checks)
+    return Finding(_summary(model, alarm, signs, causes), causes, checks, severity(charts))
+
+
+def severity(charts: list[JsonObject]) -> str:
+    """``low``, ``medium`` or ``high``: by the largest relative change of a parameter, and how sure it is.
+
+    Medium from 10 %, high from 25 %; a change of fewer than three standard errors counts one class lower. Innovation
+    charts give no size: an alarm that rests on them alone is medium.
+    """
+    sized = [c for c in charts if c.get("scale") == "relative" and float(c.get("standard_error", 0.0)) > 0]
+    if not sized:
+        return "medium"
+    largest = max(sized, key=lambda c: abs(float(c["change"])))
+    size = abs(float(largest["change"]))
+    grade = int(size >= MEDIUM) + int(size >= HIGH)
+    if _strength(largest) < SURE:
+        grade = max(0, grade - 1)
+    return ("low", "medium", "high")[grade]
 
 
 def _signs(model: ComponentModel, charts: list[JsonObject]) -> _Signs:

@@ -206,7 +206,13 @@ class Engine:
             alarm = self._chillers.explain(alarm)
         else:
             finding = diagnose(self._components[alarm.component].model, alarm)
-            alarm = replace(alarm, summary=finding.summary, causes=finding.causes, checks=finding.checks)
+            alarm = replace(
+                alarm,
+                summary=finding.summary,
+                severity=finding.severity,
+                causes=finding.causes,
+                checks=finding.checks,
+            )
         if self.alarms.of(alarm.component):
             self.alarms.annotate(alarm)
         return alarm

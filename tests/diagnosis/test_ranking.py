@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from fdd.diagnosis.ranking import diagnose
+import pytest
+
+from fdd.diagnosis.ranking import diagnose, severity
 from fdd.models.heat_exchanger import heat_exchanger
 from fdd.records import Alarm, AlarmState, JsonObject
 
@@ -69,3 +71,22 @@ def test_a_correlated_parameter_does_not_speak_against_the_cause_that_explains_i
 def test_likelihoods_add_up_to_one() -> None:
     found = diagnose(heat_exchanger(), alarm(a={"symbol": "T_hot_out", "direction": -1}))
     assert abs(sum(c["likelihood"] for c in found.causes) - 1) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "expected"),
+    [
+        (-0.05, 0.01, "low"),
+        (-0.12, 0.01, "medium"),
+        (0.12, 0.05, "low"),  # 2.4 standard errors
+        (-0.3, 0.02, "high"),
+        (-0.3, 0.15, "medium"),
+    ],
+)
+def test_severity_is_size_and_certainty(change: float, error: float, expected: str) -> None:
+    chart = {"symbol": "C", "change": change, "standard_error": error, "scale": "relative"}
+    assert severity([{"symbol": "T_out"}, chart]) == expected
+
+
+def test_severity_without_a_size_is_medium() -> None:
+    assert severity([{"symbol": "T_out", "statistic": 20.0}]) == "medium"
