@@ -1,0 +1,236 @@
+"""Fault-free years of many simulated plants through one whole engine: what was kept of the promised false alarms.
+
+Every plant has its own weather, occupants, process and sensor noise, lost samples, hours of silence and restarts. It is
+watched several times over, by sets of filters that differ in what their baselines know:
+
+known      the true physical parameters
+fitted     fitted by maximum likelihood to its first four weeks
+model_off  the true physical parameters, each wrong by a random 1 % (standard deviation)
+default    as fitted, at the budget of a default site
+
+Alarms are cleared as soon as they are seen, so that rates can be counted; each counts for the chart that rang first.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from fdd.plant.district import TRUTH
+from fdd.plant.faults import PlantFault
+from fdd.plant.scenario import Scenario, pieces
+from fdd.plant.site import demo_site
+from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, FloatArray, IntArray, Quality
+from fdd.residual_monitors.budget import YEAR
+from fdd.service.alarms import Command
+from fdd.service.engine import Engine
+from fdd.service.filters import FilterGroup, GroupStep
+from fdd.service.history import History
+from fdd.service.identify import identify, innovation_statistics, score_spread
+from fdd.service.opened import open_site
+from fdd.service.plan import Component, Plan
+
+LEARNING = 28.0  # days
+SAMPLES_A_DAY = 288
+BUDGET = {"known": 60.0, "fitted": 60.0, "model_off": 60.0, "default": 2.0}
+MODEL_ERROR = 0.01
+LOST, SILENCES, SILENCE = 0.0, 12.0, (0.2, 12.0)  # share of samples; a year; shortest and longest [h]
+ROWS = 72  # frames a batch
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Plants side by side: ``values`` (n, plants, points) with what was lost as NaN."""
+
+    plan: Plan
+    time: IntArray
+    values: FloatArray
+
+    @property
+    def plants(self) -> int:
+        """How many."""
+        return int(self.values.shape[1])
+
+    @property
+    def learning(self) -> int:
+        """Frames that baselines may see."""
+        return round(LEARNING * SAMPLES_A_DAY)
+
+    def watched(self) -> float:
+        """Years of each plant that are watched."""
+        return (len(self.time) - self.learning) * self.plan.step / NANOSECONDS / YEAR
+
+    def history(self, plant: int) -> History:
+        """The learning weeks of one plant."""
+        values = self.plan.derive(self.values[: self.learning, plant])
+        return History(self.plan.columns, self.time[: self.learning], values)
+
+
+@dataclass(frozen=True)
+class Count:
+    """Alarms of a set of filters, by kind of chart, and what was promised in the same time."""
+
+    alarms: Counter[str]
+    promised: dict[str, float]
+
+
+def simulated(plants: int, days: float, seed: int, faults: Sequence[Sequence[PlantFault]] = ()) -> Fleet:
+    """Simulate a fleet; ``faults`` has those of each plant, counted from the first sample."""
+    with TemporaryDirectory() as folder:
+        plan = open_site(demo_site(Path(folder))).plan
+    tables, time = [], np.empty(0, dtype=np.int64)
+    for plant in range(plants):
+        own = tuple(faults[plant]) if faults else ()
+        parts = list(pieces(Scenario(days=days, seed=1000 * seed + plant, faults=own)))
+        time = np.concatenate([p.time for p in parts])
+        values = np.concatenate([p.values for p in parts])
+        tables.append(_lossy(values, np.random.default_rng([seed, plant])))
+    return Fleet(plan, time, np.stack(tables, axis=1))
+
+
+def _lossy(values: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Lose single samples, and all of them for minutes or hours: a gap after which filters start afresh."""
+    values = np.where(rng.random(values.shape) < LOST, np.nan, values)
+    hours = len(values) * 24 / SAMPLES_A_DAY
+    for _ in range(rng.poisson(SILENCES * hours / 8766.0)):
+        start = rng.integers(len(values))
+        length = np.exp(rng.uniform(*np.log(SILENCE))) * SAMPLES_A_DAY / 24
+        values[start : start + max(1, round(length))] = np.nan
+    return values
+
+
+def fit_all(fleet: Fleet) -> list[dict[str, Baseline]]:
+    """Baselines of every plant from its learning weeks, searched from the nameplates' figures."""
+    found = []
+    for plant in range(fleet.plants):
+        history = fleet.history(plant)
+        found.append({c.name: identify(fleet.plan, c, history)[0] for c in fleet.plan.components})
+    return found
+
+
+def known(fitted: dict[str, Baseline]) -> dict[str, Baseline]:
+    """The true physical parameters, without error; noise as fitted, since the sensors' errors of inputs are in it."""
+    return {
+        name: replace(b, parameters={**b.parameters, **_physical(b, TRUTH[name])}, covariance=[], standard_errors={})
+        for name, b in fitted.items()
+    }
+
+
+def _physical(baseline: Baseline, truth: dict[str, float]) -> dict[str, float]:
+    return {s: v for s, v in truth.items() if s in baseline.parameters and not s.startswith("sigma")}
+
+
+def disturbed(true: dict[str, Baseline], rng: np.random.Generator) -> dict[str, Baseline]:
+    """Every physical parameter wrong by chance, 1 % standard deviation."""
+    found = {}
+    for name, b in true.items():
+        wrong = {
+            s: v * float(np.exp(MODEL_ERROR * rng.standard_normal())) for s, v in _physical(b, TRUTH[name]).items()
+        }
+        found[name] = replace(b, parameters={**b.parameters, **wrong})
+    return found
+
+
+def settled(fleet: Fleet, sets: list[dict[str, Baseline]]) -> list[dict[str, Baseline]]:
+    """Each plant's baselines with what the learning weeks say of their innovations and scores."""
+    done: list[dict[str, Baseline]] = [{} for _ in sets]
+    for kind in fleet.plan.components:
+        names = [f"{plant}/{kind.name}" for plant in range(fleet.plants)]
+        members = [_prefixed(kind, name, str(plant)) for plant, name in enumerate(names)]
+        bare = {n: replace(s[kind.name], innovation={}) for n, s in zip(names, sets, strict=True)}
+        plan = _plan(fleet, members, 1.0)
+        group = FilterGroup(members, bare, plan.columns, hold=plan.hold, max_gap=plan.max_gap)
+        values = plan.derive(fleet.values[: fleet.learning].reshape(fleet.learning, -1))
+        steps = [group.step(t, row) for t, row in zip(fleet.time[: fleet.learning].tolist(), values, strict=True)]
+        for plant, name in enumerate(names):
+            own = [_only(s, plant) for s in steps]
+            spread = {**bare[name].diagnostics, "score_spread": score_spread(fleet.plan, kind, own)}
+            statistics = innovation_statistics(kind, own)
+            done[plant][kind.name] = replace(bare[name], innovation=statistics, diagnostics=spread)
+    return done
+
+
+def _only(step: GroupStep, row: int) -> GroupStep:
+    return GroupStep(*(getattr(step, name)[row : row + 1] for name in GroupStep.__slots__))
+
+
+def _prefixed(component: Component, name: str, plant: str, weight: float = 1.0) -> Component:
+    def at(points: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(f"{plant}/{p}" for p in points)
+
+    return replace(
+        component,
+        name=name,
+        inputs=at(component.inputs),
+        outputs=at(component.outputs),
+        weight=weight,
+        start_up=3600 * NANOSECONDS,
+    )
+
+
+def _plan(fleet: Fleet, components: Sequence[Component], budget: float) -> Plan:
+    points = tuple(f"{plant}/{p}" for plant in range(fleet.plants) for p in fleet.plan.points)
+    return replace(fleet.plan, points=points, derived=(), components=tuple(components), false_alarms_per_year=budget)
+
+
+def engine_of(fleet: Fleet, sets: dict[str, list[dict[str, Baseline]]], budget: dict[str, float]) -> Engine:
+    """One engine over all plants and sets; component ``set/plant/name``; a set's budget is each of its plants'."""
+    components, baselines = [], {}
+    n = len(fleet.plan.components)
+    for which, table in sets.items():
+        for plant, own in enumerate(table):
+            for c in fleet.plan.components:
+                name = f"{which}/{plant}/{c.name}"
+                components.append(_prefixed(c, name, str(plant), budget[which] / n))
+                baselines[name] = replace(own[c.name], component=name)
+    total = fleet.plants * sum(budget[which] for which in sets)
+    return Engine(_plan(fleet, components, total), baselines)
+
+
+def batches(fleet: Fleet, start: int) -> Iterator[Batch]:
+    """The fleet's samples from frame ``start`` on."""
+    names = tuple(f"{plant}/{p}" for plant in range(fleet.plants) for p in fleet.plan.points)
+    for first in range(start, len(fleet.time), ROWS):
+        time = fleet.time[first : first + ROWS]
+        values = fleet.values[first : first + ROWS].reshape(-1)
+        yield Batch(
+            names=names,
+            point=np.tile(np.arange(len(names), dtype=np.int32), len(time)),
+            time=np.repeat(time, len(names)),
+            value=values,
+            quality=np.full(values.size, Quality.GOOD, dtype=np.uint8),
+        )
+
+
+def watch(fleet: Fleet, engine: Engine, *, clear: bool = True) -> list[Alarm]:
+    """Every alarm when it was first seen; cleared then, so that its charts begin again."""
+    seen: dict[str, Alarm] = {}
+    for batch in batches(fleet, fleet.learning):
+        for alarm in engine.step(batch).alarms:
+            if alarm.key not in seen or not clear:
+                seen[alarm.key] = alarm
+        for alarm in engine.alarms.open if clear else ():
+            engine.command(Command(alarm.key, "clear", "benchmark", 0))
+    return list(seen.values())
+
+
+def counts(fleet: Fleet, sets: Sequence[str], budget: dict[str, float], alarms: Sequence[Alarm]) -> dict[str, Count]:
+    """Alarms and promises of every set by kind of chart; within a component the budget is spread evenly."""
+    charts = {"cusum": 0.0, "score": 0.0}
+    for c in fleet.plan.components:
+        physical = sum(p.kind == "physical" for p in c.model.parameters)
+        share = 1.0 / len(fleet.plan.components) / (physical + len(c.outputs))
+        charts["cusum"] += len(c.outputs) * share
+        charts["score"] += physical * share
+    years = fleet.plants * fleet.watched()
+    found = {}
+    for which in sets:
+        own = [a for a in alarms if a.component.startswith(f"{which}/")]
+        promised = {k: v * budget[which] * years for k, v in charts.items()}
+        found[which] = Count(Counter(a.charts[0].rpartition(":")[2] for a in own), promised)
+    return found
