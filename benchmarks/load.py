@@ -41,9 +41,9 @@ def site_of(components: int, endpoint: str) -> Site:
     point = Point()
     return Site(
         name="load",
-        step="1 s",
-        lateness="0 s",
-        max_gap="1 min",
+        step="1 s",  # type: ignore[arg-type]  # the file's own form
+        lateness="0 s",  # type: ignore[arg-type]
+        max_gap="1 min",  # type: ignore[arg-type]
         # 8 000 charts at one value a second: a smaller budget is beyond the longest run length that can be designed.
         false_alarms_per_year=4000.0,
         sources=(ZenohOptions(key="load/**", connect=(endpoint,), until_end=True),),
@@ -86,7 +86,7 @@ def send(endpoint: str, names: tuple[str, ...], seconds: int, pace: float, back:
 
 
 def measure(store: Store, folder: Path, components: int, seconds: int, pace: float) -> dict[str, Any]:
-    """Stream for so long; rate, latencies [s], lost points and growth of memory [MB] from the first third to the end."""
+    """Stream for so long; rate, latencies, lost points, and growth of memory from the first third to the end."""
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
     site = site_of(components, endpoint)
     plan = plan_of(site)
