@@ -3,7 +3,8 @@
     python -m benchmarks.demo [--quick] [--json]
 
 Every seed has its own weather, occupants, process and sensor noise, its own onset, and baselines fitted to its own
-first weeks. The engine runs in this process; that the daemon gives the same bytes is a test (tests/service/test_run.py).
+first weeks. The engine runs in this process; that the daemon gives the same bytes is a test of its own
+(tests/service/test_run.py).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """How a component is declared: tables of quantities with units, and equations as plain Python functions.
 
-The equations are written once with ``+ - * / **`` and the functions of :mod:`fdd.models.functions`; they run unchanged on
-floats (debugging), on the tracer of :mod:`fdd.greybox.trace` (kernels with exact derivatives) and on SymPy (LaTeX for
-documentation). They receive their arguments by name, never by position::
+The equations are written once with ``+ - * / **`` and the functions of :mod:`fdd.models.functions`; they run unchanged
+on floats (debugging), on the tracer of :mod:`fdd.greybox.trace` (kernels with exact derivatives) and on SymPy (LaTeX
+for documentation). They receive their arguments by name, never by position::
 
     def drift(x, u, p):
         return {"T_air": (x.T_wall - x.T_air) / (p.R_aw * p.C_air) + u.Phi / p.C_air}
@@ -117,7 +117,8 @@ class ComponentModel:
         for p in self.parameters:
             if not p.lower <= p.typical <= p.upper:
                 raise ModelError(
-                    f"{self.name}: parameter {p.symbol} has typical value {p.typical} {p.unit} outside [{p.lower}, {p.upper}]"
+                    f"{self.name}: parameter {p.symbol} has typical value {p.typical} {p.unit} "
+                    f"outside [{p.lower}, {p.upper}]"
                 )
             if p.transform == "log" and p.lower <= 0:
                 raise ModelError(

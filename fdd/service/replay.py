@@ -11,7 +11,6 @@ from typing import TextIO
 
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
 from fdd.records import Alarm, JsonObject, Rows
 from fdd.residual_monitors.chart import Phase
@@ -65,6 +64,7 @@ class ReplayResult:
             f"{self.opened.site.name}: {self.samples} samples, {self.frames} frames, {span}, "
             f"{self.samples / max(self.seconds, 1e-9):,.0f} samples/s",
             highlight=False,
+            soft_wrap=True,
         )
         lost = {k: n for k, n in self.counts.items() if n and k != "accepted"}
         if lost:
@@ -74,10 +74,10 @@ class ReplayResult:
         if not self.alarms:
             console.print("No alarms.")
             return
-        table = Table("alarm", "state", "since", "raised", "what", box=None)
         for a in self.alarms.values():
-            table.add_row(a.key, str(a.state), self.opened.local(a.since), self.opened.local(a.raised), a.summary)
-        console.print(table)
+            raised = self.opened.local(a.raised)
+            console.print(f"{raised}  {a.summary}  [{a.state}]", highlight=False, markup=False, soft_wrap=True)
+            console.print(f"  {a.key}, since {self.opened.local(a.since)}", highlight=False, markup=False)
 
 
 def replay_site(
