@@ -21,7 +21,7 @@ from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.framing import Framer, Frames
 from fdd.service.plan import Chiller, Component, Plan
 
-SCHEMA = 3
+SCHEMA = 4
 DAY = 86400 * NANOSECONDS
 _NONE = np.empty(0)  # what a site without filters concatenates
 

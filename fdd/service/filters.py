@@ -3,7 +3,8 @@
 =================  ==============================================================================
 condition          outcome
 =================  ==============================================================================
-input missing      its last value is held for ``hold``; after that the component has no data
+input missing      its last value is held for ``hold``; after that the component has no data, and the first
+                   step over the missing frames is not judged: nobody knows what the input did there
 output missing     the filter predicts; that output's charts see nothing
 gate false         the machine is off: the filter rests, and starts afresh when it is on again
 gap > ``max_gap``  the filter starts afresh from the next complete measurement
@@ -77,6 +78,7 @@ class FilterGroup:
         self._quiet = np.full(n, NEVER, dtype=np.int64)
         self._held = np.full(self._inputs.shape, np.nan)
         self._held_at = np.full(self._inputs.shape, NEVER, dtype=np.int64)
+        self._bridging: BoolArray = np.zeros(n, dtype=np.bool_)
         self.restarts: dict[str, int] = {}
 
     def _parameters(self) -> FloatArray:
@@ -119,7 +121,8 @@ class FilterGroup:
         broken = running & (step.status >= BROKEN)
         self._last = np.where(running & ~broken, time, np.where(broken, NEVER, self._last))
         self._count(step.status[broken])
-        charted = running & ~broken & (time >= self._quiet)
+        charted = running & ~broken & (time >= self._quiet) & ~self._bridging
+        self._bridging = np.where(running, False, self._bridging | ~has_inputs)
         seen = np.where(charted[:, None], step.standardised, np.nan)
         white = self._whitener.update(seen.ravel()).reshape(seen.shape)
         return GroupStep(
@@ -167,6 +170,7 @@ class FilterGroup:
             "quiet": self._quiet.copy(),
             "held": self._held.copy(),
             "held_at": self._held_at.copy(),
+            "bridging": self._bridging.copy(),
             "whitener": self._whitener.export_state(),
             "restarts": dict(self.restarts),
         }
@@ -178,6 +182,7 @@ class FilterGroup:
         self._quiet = np.array(state["quiet"], dtype=np.int64)
         self._held = np.array(state["held"], dtype=np.float64)
         self._held_at = np.array(state["held_at"], dtype=np.int64)
+        self._bridging = np.array(state["bridging"], dtype=np.bool_)
         self._whitener.restore_state(state["whitener"])
         self.restarts = dict(state["restarts"])
 

@@ -68,14 +68,14 @@ def runs(plan: Plan, component: Component, history: History, shortest: int = 12)
     """Cut a history into runs without gaps, with inputs held as the engine holds them and the gate on."""
     u = held(history.time, history.of(component.inputs), plan.hold)
     y = history.of(component.outputs)
-    usable = np.isfinite(u).all(axis=1)
+    off = np.zeros(len(history), dtype=np.bool_)
     if component.when:
-        usable &= history.of((component.when,))[:, 0] > 0.5
-    at = np.flatnonzero(usable)
+        off = ~(history.of((component.when,))[:, 0] > 0.5)
+    at = np.flatnonzero(np.isfinite(u).all(axis=1) & ~off)
     if len(at) == 0:
         return []
-    # Frames left out by the gate or for want of inputs break a run; so does silence.
-    breaks = np.flatnonzero((np.diff(at) > 1) | (np.diff(history.time[at]) > plan.max_gap)) + 1
+    # A machine that was off, or silence, breaks a run; a few frames without inputs only lengthen a step.
+    breaks = np.flatnonzero((np.diff(np.cumsum(off)[at]) > 0) | (np.diff(history.time[at]) > plan.max_gap)) + 1
     found = []
     for part in np.split(at, breaks):
         complete = np.isfinite(y[part]).all(axis=1)

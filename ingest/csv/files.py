@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from ingest.source import Context, Refused
 NOTES = 20
 
 
-class FileSource:
+class FileSource(ABC):
     """Reads files one after the other; subclasses read one file from a row on."""
 
     _options: FileOptions
@@ -70,11 +71,13 @@ class FileSource:
                     return
             self._position = {**self._position, "file": self._position["file"] + 1, "line": 0, "row": 0}
 
+    @abstractmethod
     def _check(self, path: Path) -> None:
-        raise NotImplementedError
+        """Refuse a file that cannot be read."""
 
+    @abstractmethod
     def _read(self, path: Path) -> Iterator[Batch]:
-        raise NotImplementedError
+        """Batches of one file."""
 
     def _table(self, header: list[str], path: Path) -> Table:
         return Table(header, self._options, self._clock, self._context.columns, path.name, self._counts)
@@ -104,5 +107,5 @@ class FileSource:
         """End after the current batch."""
         self._stopped = True
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - files are closed after each batch, whatever their kind
         """Nothing is held between batches."""

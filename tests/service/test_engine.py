@@ -151,3 +151,18 @@ def test_a_fault_that_comes_back_raises_its_alarm_again_and_makes_no_new_one(hea
     assert states[:3] == [AlarmState.RAISED, AlarmState.RETURNED, AlarmState.RAISED]
     again = [h["time"] for h in e.alarms.open[0].history if h["state"] == AlarmState.RAISED][1]
     assert abs(again - int(healthy.time[8 * DAY])) < 60 * STEP * NANOSECONDS
+
+
+def test_step_over_lost_inputs_is_not_judged(healthy: Truth) -> None:
+    points = {k: v.copy() for k, v in healthy.points.items()}
+    rng = np.random.default_rng(3)
+    for name in ("south.heat", "outside", "sun"):
+        points[name][rng.random(len(healthy.time)) < 0.03] = np.nan
+    lost = ~np.isfinite(np.stack([points[n] for n in ("south.heat", "outside", "sun")])).all(axis=0)
+    outputs = engine().step(Truth(healthy.time, points).batch())
+    predictions = rows_of(outputs, "predictions")
+    south = predictions.series == predictions.names.index("south/T_in")
+    after = healthy.time[1:][lost[:-1] & ~lost[1:]]
+    judged = predictions.fields["innovation"][south][np.isin(predictions.time[south], after)]
+    assert len(judged) > 100
+    assert np.isnan(judged).all()
