@@ -25,7 +25,7 @@ from fdd.service.feed import Feed
 from fdd.service.metrics import MetricsServer
 from fdd.service.schedule import JobRunner
 from fdd.service.systemd import Watchdog
-from fdd.store.spool import SpooledStore
+from fdd.store.spool import SpooledStore, spool_rows
 from fdd.store.store import Store
 
 log = structlog.get_logger()
@@ -237,11 +237,31 @@ class Daemon:
             "rss_bytes": resident_bytes(),
         }
 
+    def _health(self, status: JsonObject) -> list[Rows]:
+        """The status as rows for the dashboards and their rules, at wall-clock time."""
+        wall = round(status["wall"] * NANOSECONDS)
+        gauges = {
+            "sample_rate": status["samples_per_second"],
+            "lag": status["lag_seconds"],
+            "rss": status["rss_bytes"],
+        }
+        known = {f"service/{name}": float(value) for name, value in gauges.items() if value is not None}
+        rows = Rows(
+            measurement="health",
+            names=tuple(known),
+            series=np.arange(len(known), dtype=np.int32),
+            time=np.full(len(known), wall, dtype=np.int64),
+            fields={"value": np.array(list(known.values()))},
+        )
+        spool = spool_rows(self._store.status, wall) if isinstance(self._store, SpooledStore) else []
+        return [rows, *spool]
+
     def _tell(self) -> None:
         status = self.status()
         self._told = self._now()
         self._rate = (self._told, self.samples)
         self._store.put("run", "daemon", status)
+        self._store.write(self._health(status))
         if self._metrics:
             self._metrics.publish(status)
 

@@ -22,6 +22,7 @@ from fdd.records import NANOSECONDS
 from fdd.service import metrics as metrics_module
 from fdd.service import systemd
 from fdd.service.metrics import MetricsServer, exposition
+from fdd.service.opened import open_site
 from fdd.service.schedule import Job, JobRunner, Schedule, jobs_of
 from fdd.service.status import read_status
 from tests.service.room_site import make_site
@@ -178,6 +179,9 @@ def test_the_daemon_reloads_refuses_a_bad_file_tells_its_state_and_stops(tmp_pat
                 daemon.kill()
                 daemon.wait()
     lines = [json.loads(line) for line in log.read_text().splitlines() if line.startswith("{")]
+    store = open_site(site_file).store(read_only=True)
+    assert {"service/sample_rate", "service/rss"} <= set(store.series("health"))
+    store.close()
     assert [x["event"] for x in lines if x["event"] in ("stopping", "stopped")] == ["stopping", "stopped"]
     assert all({"level", "timestamp"} <= set(x) for x in lines)
 
