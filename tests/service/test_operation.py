@@ -59,6 +59,7 @@ def until(said: Callable[[], bool], seconds: float = 60.0) -> None:
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_a_job_runs_when_due_once_and_says_how_it_ended(tmp_path: Path) -> None:
     good, bad = ("version",), ("status", "no-such-file.yaml")
     jobs = [Job(Schedule("good", 1, (2, 30), "UTC"), good, 0), Job(Schedule("bad", 1, (2, 30), "UTC"), bad, 0)]

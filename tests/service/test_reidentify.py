@@ -174,6 +174,7 @@ def _work(n: int) -> int:
     return n * n
 
 
+@pytest.mark.slow
 def test_a_task_that_fails_or_dies_takes_no_other_with_it() -> None:
     results: dict[int, int | Failure] = {}
     side_by_side(_work, [0, 1, 2, 3, 4], lambda i, r: results.__setitem__(i, r), workers=2)
