@@ -53,6 +53,7 @@ class Engine:
         reads |= {c.name: frozenset(c.inputs.values()) for c in plan.chillers}
         self.alarms = AlarmBook(reads, {c.name: c.upstream for c in plan.watched})
         self._components = {c.name: c for c in plan.components}
+        self._group_of = {c.name: g for g in self._groups for c in g.components}
         self._outputs = tuple(
             f"{c.name}/{q.symbol}" for g in self._groups for c in g.components for q in g.model.outputs
         )
@@ -192,14 +193,14 @@ class Engine:
             **self._charts.estimate(i, int(v.onset_age[i])),
         }
         # A chart cannot have seen anything before its component was last started.
-        judged = max(g.judged_since(stream.component) for g in self._groups)
+        judged = self._group_of[stream.component].judged_since(stream.component)
         since = max(time - int(v.onset_age[i]) * self.plan.step, judged)
         return Ring(stream.component, stream.name, stream.point, since, evidence)
 
     def _is_normal(self, component: str, step: ChartStep) -> bool:
         if component in self._chillers:
             return self._chillers.is_normal(component)
-        return all(step.normal[i] for i, s in enumerate(self._charts.streams) if s.component == component)
+        return self._charts.is_normal(component, step)
 
     def _diagnosed(self, alarm: Alarm) -> Alarm:
         if alarm.component in self._chillers:

@@ -64,6 +64,7 @@ class FilterGroup:
     ) -> None:
         self.baselines = [baselines[c.name] for c in components]
         self.components = tuple(components)
+        self._row = {c.name: i for i, c in enumerate(components)}
         self.model = components[0].model
         column = {name: i for i, name in enumerate(columns)}
         self._inputs = np.array([[column[p] for p in c.inputs] for c in components], dtype=np.int64)
@@ -137,10 +138,8 @@ class FilterGroup:
         )
 
     def judged_since(self, component: str) -> int:
-        """Event time [ns] at which a component's charts last began to see; far back for one of another group."""
-        return max(
-            (int(q) for c, q in zip(self.components, self._quiet, strict=True) if c.name == component), default=NEVER
-        )
+        """Event time [ns] at which a component's charts last began to see."""
+        return int(self._quiet[self._row[component]])
 
     def _hold_inputs(self, time: int, values: FloatArray) -> tuple[FloatArray, BoolArray]:
         fresh_values = values[self._inputs]

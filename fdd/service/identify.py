@@ -13,10 +13,10 @@ from fdd.greybox.likelihood import Data
 from fdd.greybox.results import FitResult
 from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
 from fdd.residual_monitors.whiten import Whitener
-from fdd.service.charting import SCORE_BLOCK
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.history import History, Run, runs
 from fdd.service.plan import Component, Plan
+from fdd.service.score_charts import SCORE_BLOCK
 
 
 class IdentifyError(ValueError):

@@ -1,0 +1,64 @@
+"""What a family of charts offers to the collection: streams, verdicts, resets, estimates and plain state."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fdd.records import JsonObject
+from fdd.residual_monitors.chart import Verdicts
+from fdd.service.filters import FilterGroup, GroupStep
+from fdd.service.plan import Component, Plan
+
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """One chart: what it watches and where that is measured."""
+
+    name: str
+    component: str
+    symbol: str
+    point: str | None
+
+
+class Family(Protocol):
+    """Charts of one kind, with their streams in order."""
+
+    streams: tuple[Stream, ...]
+
+    def update(self, steps: Sequence[GroupStep]) -> Verdicts:
+        """Feed one frame."""
+
+    def rebase(self, components: set[str]) -> BoolArray:
+        """These components have new baselines; returns the streams that were started again for it."""
+
+    def reset(self, which: BoolArray) -> None:
+        """Start these streams again."""
+
+    def estimate(self, stream: int, updates: int) -> JsonObject:
+        """Size of what the stream has found over its last ``updates``, as far as the chart can tell."""
+
+    def export_state(self) -> JsonObject:
+        """Plain data."""
+
+    def restore_state(self, state: JsonObject) -> None:
+        """Continue where :meth:`export_state` stood."""
+
+
+@dataclass(frozen=True, slots=True)
+class FamilyKind:
+    """How a family comes into a site.
+
+    ``carried(group, component)`` says how many charts a component has of it, each of which takes an equal share of the
+    component's budget; ``build(plan, groups, arl)`` makes the family, or several, with the mean number of frames
+    between false alarms of each of a component's charts in ``arl``.
+    """
+
+    carried: Callable[[FilterGroup, Component], int]
+    build: Callable[[Plan, Sequence[FilterGroup], dict[str, float]], Sequence[Family]]

@@ -1,0 +1,88 @@
+"""A CUSUM on the standardised innovations of every output: quick for faults that make the filter mispredict at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fdd.records import FloatArray, JsonObject
+from fdd.residual_monitors.chart import Verdicts
+from fdd.residual_monitors.cusum import Cusum
+from fdd.residual_monitors.score import ALLOWANCE
+from fdd.service.chart_family import BoolArray, FamilyKind, Stream
+from fdd.service.filters import FilterGroup, GroupStep
+from fdd.service.granted import granted, physical
+from fdd.service.plan import Component, Plan
+
+
+class InnovationCharts:
+    """Two-sided CUSUM on every output's standardised innovation."""
+
+    def __init__(self, groups: Sequence[FilterGroup], arl: dict[str, float]) -> None:
+        self.streams = tuple(
+            Stream(f"{c.name}/{q.symbol}:cusum", c.name, q.symbol, point)
+            for g in groups
+            for c in g.components
+            for q, point in zip(g.model.outputs, c.outputs, strict=True)
+            if c.carries("cusum", q.symbol)
+        )
+        carried = [c.carries("cusum", q.symbol) for g in groups for c in g.components for q in g.model.outputs]
+        self._carried = np.flatnonzero(np.array(carried, dtype=np.bool_))
+        self._chart = Cusum.design([arl[s.component] for s in self.streams])
+        self._groups, self._physical = tuple(groups), [physical(g) for g in groups]
+        self._inform()
+
+    def update(self, steps: Sequence[GroupStep]) -> Verdicts:
+        """Feed the standardised innovations; what the baselines' granted errors would move them by is forgiven."""
+        forgiven = [self._forgiven(i, step) for i, step in enumerate(steps)]
+        self._chart.forgive(np.concatenate([np.empty(0), *forgiven])[self._carried])
+        return self._chart.update(
+            np.concatenate([np.empty(0), *(s.standardised.ravel() for s in steps)])[self._carried]
+        )
+
+    def rebase(self, components: set[str]) -> BoolArray:
+        """Go on: a misprediction is one under any baseline, and where the new one predicts better sums fall again.
+
+        So an alarm that an innovation chart holds stands until it is cleared.
+        """
+        self._inform()
+        return np.zeros(len(self.streams), dtype=np.bool_)
+
+    def _inform(self) -> None:
+        """Take from the groups' baselines what is granted to them."""
+        self._granted = [np.stack([granted(g, b) for b in g.baselines]) for g in self._groups]
+
+    def _forgiven(self, index: int, step: GroupStep) -> FloatArray:
+        """How far the means of a group's innovations may be off, a value an output [standard deviations]."""
+        at = self._physical[index]
+        information = np.nan_to_num(step.information[:, at[:, None], at])
+        variance = np.einsum("njk,njk->n", information, self._granted[index])
+        return np.repeat(ALLOWANCE * np.sqrt(np.maximum(variance, 0.0)), step.standardised.shape[1])
+
+    def reset(self, which: BoolArray) -> None:
+        """Start these streams again."""
+        self._chart.reset(which)
+
+    def estimate(self, stream: int, updates: int) -> JsonObject:
+        """An innovation chart says that something is wrong, not how large it is."""
+        return {}
+
+    def export_state(self) -> JsonObject:
+        """The chart as plain data."""
+        return self._chart.export_state()
+
+    def restore_state(self, state: JsonObject) -> None:
+        """Continue where :meth:`export_state` stood."""
+        self._chart.restore_state(state)
+
+
+def _carried(group: FilterGroup, component: Component) -> int:
+    return sum(component.carries("cusum", q.symbol) for q in group.model.outputs)
+
+
+def _build(plan: Plan, groups: Sequence[FilterGroup], arl: dict[str, float]) -> list[InnovationCharts]:
+    return [InnovationCharts(groups, arl)]
+
+
+INNOVATIONS = FamilyKind(_carried, _build)

@@ -1,0 +1,131 @@
+"""A score chart for each physical parameter: slow faults that a filter with honest process noise would swallow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fdd.records import NANOSECONDS, JsonObject
+from fdd.residual_monitors.chart import Verdicts
+from fdd.residual_monitors.score import Score
+from fdd.service.chart_family import BoolArray, FamilyKind, Stream
+from fdd.service.filters import FilterGroup, GroupStep
+from fdd.service.granted import granted, physical
+from fdd.service.plan import Component, Plan
+
+# An innovation of so many standard deviations is a broken signal and says nothing of a parameter.
+ABSURD = 100.0
+# Half the width of a 95 % interval, in standard errors.
+NORMAL_95 = 1.96
+# A parameter whose relative standard error is beyond this is not worth a point on a plot.
+VAGUE = 0.5
+# A score block is longer than a filter's memory and shorter than the delay one wants.
+SCORE_BLOCK = 6 * 3600 * NANOSECONDS
+
+
+class ScoreCharts:
+    """A score chart for each physical parameter of one group of components."""
+
+    def __init__(self, index: int, group: FilterGroup, plan: Plan, arl: dict[str, float]) -> None:
+        self._index, self._group = index, group
+        parameters = group.model.parameters
+        self._physical = physical(group)
+        self._symbols = [parameters[i].symbol for i in self._physical]
+        self._log = [parameters[i].transform == "log" for i in self._physical]
+        self.streams = tuple(
+            Stream(f"{c.name}/{symbol}:score", c.name, symbol, None)
+            for c in group.components
+            for symbol in self._symbols
+        )
+        wanted = [arl[s.component] for s in self.streams]
+        self._chart = Score.design(
+            wanted,
+            parameters=len(self._symbols),
+            block=max(1, SCORE_BLOCK // plan.step),
+        )
+        self._inform()
+
+    def _inform(self) -> None:
+        """Take from the baselines what each parameter's error and spread are, and which can be told."""
+        baselines = self._group.baselines
+        # A parameter that the baseline's data left open has no value to depart from.
+        open_ = [{*b.diagnostics.get("unidentifiable", ()), *b.diagnostics.get("at_bound", ())} for b in baselines]
+        self._told = np.array(
+            [
+                [s not in left and c.carries("score", s) for s in self._symbols]
+                for c, left in zip(self._group.components, open_, strict=True)
+            ]
+        )
+        self._chart.covariance = np.stack([granted(self._group, b) for b in baselines])
+        spreads = [b.diagnostics.get("score_spread", {}) for b in baselines]
+        self._chart.presume([spread.get(s, 1.0) for spread in spreads for s in self._symbols])
+
+    def rebase(self, components: set[str]) -> BoolArray:
+        """Start again: sums and history are departures from the old parameters and say nothing of the new ones."""
+        self._inform()
+        which = np.array([s.component in components for s in self.streams])
+        self.reset(which)
+        return which
+
+    def update(self, steps: Sequence[GroupStep]) -> Verdicts:
+        """Feed the group's scores; rows that may not be charted are hidden."""
+        step = steps[self._index]
+        with np.errstate(invalid="ignore"):
+            hide = ~step.charted | (np.abs(step.standardised) > ABSURD).any(axis=1)
+        score = np.where(self._told, step.score[:, self._physical], 0.0)
+        information = step.information[:, self._physical[:, None], self._physical]
+        information = information * self._told[:, :, None] * self._told[:, None, :]
+        score[hide], information[hide] = np.nan, np.nan
+        return self._chart.update_scores(score, information)
+
+    def reset(self, which: BoolArray) -> None:
+        """Start these streams again."""
+        self._chart.reset(which)
+
+    def estimate(self, stream: int, updates: int) -> JsonObject:
+        """Change of the parameter if it alone is responsible, with its standard error; a share where on a log scale."""
+        component, j = divmod(stream, len(self._symbols))
+        found = self._chart.estimate(component, updates)
+        change, error = float(found.single[j]), float(found.single_error[j])
+        if not np.isfinite(error):
+            return {}
+        scale = "relative" if self._log[j] else "absolute"
+        return {"change": change, "standard_error": error, "scale": scale}
+
+    def parameters(self, updates: int) -> list[tuple[str, float, float, float]]:
+        """Every parameter that the last ``updates`` can tell: series, value, and the limits of its 95 % interval.
+
+        All may have moved together; the interval holds the baseline's error too. Natural scale and unit.
+        """
+        found = []
+        for i, (component, baseline) in enumerate(zip(self._group.components, self._group.baselines, strict=True)):
+            change = self._chart.estimate(i, updates, self._chart.covariance[i])
+            for j, symbol in enumerate(self._symbols):
+                error = float(change.joint_error[j])
+                if not self._told[i, j] or not np.isfinite(error) or (error > VAGUE and self._log[j]):
+                    continue
+                ends = float(change.joint[j]) + NORMAL_95 * error * np.array([0.0, -1.0, 1.0])
+                at = baseline.parameters[symbol]
+                value, low, high = (at * np.exp(ends) if self._log[j] else at + ends).tolist()
+                found.append((f"{component.name}/{symbol}", value, low, high))
+        return found
+
+    def export_state(self) -> JsonObject:
+        """The chart as plain data."""
+        return self._chart.export_state()
+
+    def restore_state(self, state: JsonObject) -> None:
+        """Continue where :meth:`export_state` stood."""
+        self._chart.restore_state(state)
+
+
+def _carried(group: FilterGroup, component: Component) -> int:
+    return sum(p.kind == "physical" and component.carries("score", p.symbol) for p in group.model.parameters)
+
+
+def _build(plan: Plan, groups: Sequence[FilterGroup], arl: dict[str, float]) -> list[ScoreCharts]:
+    return [ScoreCharts(i, g, plan, arl) for i, g in enumerate(groups) if physical(g).size]
+
+
+SCORES = FamilyKind(_carried, _build)
