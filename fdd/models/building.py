@@ -19,8 +19,8 @@ from itertools import pairwise
 from typing import Any, Literal
 
 from fdd.models.declare import ComponentModel, Fault, ModelError, Namespace, Parameter, Quantity, State
+from fdd.models.fluid import chosen
 from fdd.models.functions import gpow
-from fdd.models.radiator import WATER_HEAT_CAPACITY
 
 PAPER = "Andersen (2001), Paper F"
 HEATING = ("power", "water", "mean", "dynamic")
@@ -34,7 +34,8 @@ def building(
     heating: Literal["power", "water", "mean", "dynamic"] = "power",
     solar_split: float = 0.1,
     exponent: float = 1.3,
-    heat_capacity: float = WATER_HEAT_CAPACITY,
+    heat_capacity: float | None = None,
+    fluid: str = "water",
 ) -> ComponentModel:
     """Building model.
 
@@ -47,7 +48,8 @@ def building(
     heating : how the radiators' power comes in, see the module
     solar_split : share of the sun that reaches the floor directly (Eq. 9) [1]
     exponent : radiator exponent for ``heating="dynamic"`` [1]
-    heat_capacity : of the heating water [J/(kg K)]
+    heat_capacity : of the heating water [J/(kg K)]; the fluid's where it is not given
+    fluid : what flows through the radiators, see :mod:`fdd.models.fluid`
 
     Raises
     ------
@@ -56,7 +58,8 @@ def building(
     rooms = tuple(rooms)
     pairs = tuple((a, b) for a, b in (walls if walls is not None else pairwise(rooms)))
     _check(rooms, pairs, outside, heating, solar_split)
-    house = _House(rooms, pairs, outside, boundary, heating, solar_split, exponent, heat_capacity)
+    _, cp, medium = chosen("building", fluid, heat_capacity)
+    house = _House(rooms, pairs, outside, boundary, heating, solar_split, exponent, cp)
     return ComponentModel(
         name="building",
         version="1",
@@ -78,7 +81,7 @@ def building(
             "heating": heating,
             "solar_split": solar_split,
             "exponent": exponent,
-            "heat_capacity": heat_capacity,
+            **medium,
         },
         valid={
             **{

@@ -21,8 +21,8 @@ from itertools import pairwise
 from typing import Any, Literal
 
 from fdd.models.declare import ComponentModel, Fault, ModelError, Namespace, Parameter, Quantity, State
+from fdd.models.fluid import chosen
 from fdd.models.functions import exp, log
-from fdd.models.radiator import WATER_HEAT_CAPACITY
 
 PAPER = "Andersen (2001), Paper B"
 TRANSFERS = ("constant", "flow", "flow-symmetric", "flow-temperature")
@@ -34,8 +34,10 @@ def heat_exchanger(
     flow: Literal["counter", "parallel"] = "counter",
     transfer: Literal["constant", "flow", "flow-symmetric", "flow-temperature"] = "flow",
     metal: bool = False,
-    heat_capacity_hot: float = WATER_HEAT_CAPACITY,
-    heat_capacity_cold: float = WATER_HEAT_CAPACITY,
+    heat_capacity_hot: float | None = None,
+    heat_capacity_cold: float | None = None,
+    fluid_hot: str = "water",
+    fluid_cold: str = "water",
 ) -> ComponentModel:
     """Plate heat exchanger model.
 
@@ -45,7 +47,8 @@ def heat_exchanger(
     flow : ``"counter"`` or ``"parallel"``
     transfer : law of the transfer coefficient, see the module
     metal : with the plates' heat capacity as n further states (Sejling 1993); the fluids then exchange heat with it
-    heat_capacity_hot, heat_capacity_cold : of the fluids [J/(kg K)], see :mod:`fdd.models.fluid` for glycol
+    heat_capacity_hot, heat_capacity_cold : of the fluids [J/(kg K)]; the fluid's own where it is not given
+    fluid_hot, fluid_cold : what flows on each side, see :mod:`fdd.models.fluid`
 
     Raises
     ------
@@ -57,7 +60,9 @@ def heat_exchanger(
         raise ModelError(f"heat_exchanger: flow {flow!r} is unknown; use 'counter' or 'parallel'")
     if transfer not in TRANSFERS:
         raise ModelError(f"heat_exchanger: transfer {transfer!r} is unknown; use one of {', '.join(TRANSFERS)}")
-    equations = _Equations(compartments, flow, transfer, metal, heat_capacity_hot, heat_capacity_cold)
+    _, cp_hot, hot = chosen("heat_exchanger, hot side", fluid_hot, heat_capacity_hot)
+    _, cp_cold, cold = chosen("heat_exchanger, cold side", fluid_cold, heat_capacity_cold)
+    equations = _Equations(compartments, flow, transfer, metal, cp_hot, cp_cold)
     last = compartments
     return ComponentModel(
         name="heat_exchanger",
@@ -88,8 +93,8 @@ def heat_exchanger(
             "flow": flow,
             "transfer": transfer,
             "metal": metal,
-            "heat_capacity_hot": heat_capacity_hot,
-            "heat_capacity_cold": heat_capacity_cold,
+            **{f"{k}_hot": v for k, v in hot.items()},
+            **{f"{k}_cold": v for k, v in cold.items()},
         },
         valid={
             "m_flow_hot": (0.0, 200.0),

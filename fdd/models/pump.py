@@ -10,19 +10,32 @@ from __future__ import annotations
 from typing import Any
 
 from fdd.models.declare import ComponentModel, Fault, Namespace, Parameter, Quantity, State
+from fdd.models.fluid import get_fluid
 from fdd.models.functions import maximum
 
 SOURCE = "ASHRAE Handbook, HVAC Systems and Equipment (2020), ch. 44"
 
 
-def pump(density: float = 990.0) -> ComponentModel:
-    """Pump model; ``density`` of the water [kg/m3]."""
+def pump(density: float | None = None, fluid: str = "water") -> ComponentModel:
+    """Pump model.
+
+    Parameters
+    ----------
+    density : of what flows [kg/m3]; 990 for water, a fluid's own at its temperature where it is not given
+    fluid : what flows, see :mod:`fdd.models.fluid`
+
+    Raises
+    ------
+    ModelError : a fluid that is not known
+    """
+    medium = get_fluid(fluid)
+    rho = density if density is not None else 990.0 if fluid == "water" else float(medium.density(medium.at))
 
     def drift(x: Namespace, u: Namespace, p: Namespace) -> dict[str, Any]:
         head = p.p_0 * u.speed * u.speed - p.c * u.m_flow * u.m_flow
         off = (u.m_flow / (u.speed + 1e-3) - p.m_opt) / p.m_opt
         efficiency = p.eta * maximum(1.0 - off * off, 0.05)
-        power = p.P_0 + u.m_flow * maximum(head, 0.0) / (density * efficiency)
+        power = p.P_0 + u.m_flow * maximum(head, 0.0) / (rho * efficiency)
         return {"dp": (head - x.dp) / p.tau, "P": (power - x.P) / p.tau}
 
     return ComponentModel(
@@ -49,7 +62,7 @@ def pump(density: float = 990.0) -> ComponentModel:
         observe=lambda x, u, p: {"dp_pump": x.dp, "P_el": x.P},
         noise=lambda x, u, p: {"dp_pump": p.noise_dp, "P_el": p.noise_P},
         start=lambda y, u, p: {"dp": y.dp_pump, "P": y.P_el},
-        options={"density": density},
+        options={"density": rho} if fluid == "water" else {"density": rho, "fluid": fluid},
         valid={"speed": (0.0, 1.2), "m_flow": (0.0, 500.0)},
         faults=(
             Fault(

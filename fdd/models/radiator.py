@@ -17,9 +17,9 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from fdd.models.declare import ComponentModel, Fault, ModelError, Namespace, Parameter, Quantity, State
+from fdd.models.fluid import chosen
 from fdd.models.functions import exp, gpow, log, sqrt
 
-WATER_HEAT_CAPACITY = 4186.0  # J/(kg K), between 10 and 80 degC within 0.2 % (IAPWS-IF97)
 SMALLEST_SECTION = 0.02  # no compartment is thinner than this share of the radiator: its water is always moving
 SEEPAGE = 1e-5  # kg/s added to the flow in the boundary's balance, so that a closed valve has a logarithm
 
@@ -31,7 +31,8 @@ def radiator(
     sections: Literal["moving"] | int = "moving",
     surroundings: bool = True,
     exponent: float = 1.3,
-    heat_capacity: float = WATER_HEAT_CAPACITY,
+    heat_capacity: float | None = None,
+    fluid: str = "water",
 ) -> ComponentModel:
     """Radiator model.
 
@@ -41,16 +42,18 @@ def radiator(
     sections : ``"moving"`` for the paper's two compartments, or a number of fixed equal ones
     surroundings : with the warm air around the radiator as a state (Eq. 9); False lets it give off heat to the room
     exponent : radiator exponent n [1], EN 442: 1.2 to 1.4
-    heat_capacity : of the heating water [J/(kg K)]
+    heat_capacity : of the heating water [J/(kg K)]; the fluid's where it is not given
+    fluid : what flows, see :mod:`fdd.models.fluid`
 
     Raises
     ------
     ModelError : an option outside its range
     """
     _check(form, sections, surroundings, exponent)
+    _, cp, medium = chosen("radiator", fluid, heat_capacity)
     moving = sections == "moving"
     count = 2 if isinstance(sections, str) else sections
-    equations = _Equations(form, count, moving, surroundings, exponent, heat_capacity)
+    equations = _Equations(form, count, moving, surroundings, exponent, cp)
     return ComponentModel(
         name="radiator",
         version="1",
@@ -73,7 +76,7 @@ def radiator(
             "sections": sections,
             "surroundings": surroundings,
             "exponent": exponent,
-            "heat_capacity": heat_capacity,
+            **medium,
         },
         valid={"T_supply": (5.0, 110.0), "T_room": (-10.0, 40.0), "m_flow": (0.0, 0.5), "T_return": (5.0, 110.0)},
         faults=FAULTS,

@@ -11,7 +11,8 @@ from fdd.models.air_handler import air_handler
 from fdd.models.building import building
 from fdd.models.declare import ComponentModel, ModelError
 from fdd.models.heat_exchanger import heat_exchanger
-from fdd.models.pipe import pipe_hydraulic, pipe_thermal
+from fdd.models.pipe_hydraulic import pipe_hydraulic
+from fdd.models.pipe_thermal import pipe_thermal
 from fdd.models.pump import pump
 from fdd.models.radiator import radiator
 from fdd.models.restrict import restrict

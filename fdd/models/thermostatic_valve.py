@@ -8,53 +8,65 @@ Friction
     bliman-sorine   two of these, a fast one less a slow one (Bliman & Sorine 1995), named but not done in the paper
     play            no force: the stem follows the balance without friction once it has moved by the play
 
+Flow (``output="flow"``), IEC 60534-2-1 with the manufacturer's curve kv(x)
+    m = kv(x)/3600 sqrt(1000 rho) sqrt(dp_k/1 bar), x no less than 0, the closed seat
+
 The sign is rounded (tanh) over a temperature rate of 1e-5 K/s. The paper's Tab. 2 lists C_v twice; the third row
 (3.2 N/mm) is C_b, the bellows' spring.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any, Literal
 
 from fdd.models.declare import ComponentModel, Fault, ModelError, Namespace, Parameter, Quantity, State
-from fdd.models.functions import maximum, minimum, smooth_sign
+from fdd.models.fluid import chosen, horner
+from fdd.models.friction import valve_flow
+from fdd.models.functions import maximum, minimum, smooth_maximum, smooth_sign
 
 PAPER = "Andersen (2001), Paper E, Tab. 2"
 STIFFNESS = 18.7e3  # N/m, C_v + C_i + C_b = 1.8 + 13.7 + 3.2 N/mm
 BELLOWS = 1032e-6  # m2
 RATE = 1e-5  # K/s over which the sign of the rate is rounded
+SEAT = 2e-6  # m over which the seat is rounded
 FOLLOW = 0.05  # 1/s, how fast the stem follows outside the play
 
 
 def thermostatic_valve(
     friction: Literal["dahl", "play", "bliman-sorine"] = "dahl",
-    gas_charge: Sequence[float] = (-27.4e3, 3.5e3),
+    gas_charge: Sequence[float] | Sequence[Sequence[float]] = (-27.4e3, 3.5e3),
     set_pressures: Sequence[float] = (0.0, 0.0),
+    output: Literal["opening", "flow"] = "opening",
+    kv_curve: Sequence[float] | Sequence[Sequence[float]] = (0.0, 1.2e3),
+    fluid: str = "water",
 ) -> ComponentModel:
     """Thermostatic valve model.
 
     Parameters
     ----------
     friction : see the module
-    gas_charge : coefficients of the manufacturer's p_b(T) = c0 + c1 T + c2 T^2 + ... [Pa], T in degC
+    gas_charge : the manufacturer's p_b(T) [Pa], T in degC: coefficients c0 + c1 T + c2 T^2 + ..., or a table of pairs
     set_pressures : dp_k and dp_s at the set point [Pa]
+    output : what is measured: the ``"opening"`` of the stem or the ``"flow"`` through the valve
+    kv_curve : the manufacturer's kv [m3/h at 1 bar] over the opening [m], coefficients or a table of pairs
+    fluid : what flows, see :mod:`fdd.models.fluid`; its density counts
 
     Raises
     ------
-    ModelError : unknown friction or an empty gas charge curve
+    ModelError : unknown friction, output or fluid, or a curve that is empty or whose table does not rise
     """
     if friction not in ("dahl", "play", "bliman-sorine"):
         raise ModelError(f"thermostatic_valve: friction {friction!r} is unknown; use dahl, play or bliman-sorine")
-    if not gas_charge:
-        raise ModelError(
-            "thermostatic_valve: gas_charge is empty; give the manufacturer's polynomial, lowest power first"
-        )
+    if output not in ("opening", "flow"):
+        raise ModelError(f"thermostatic_valve: output {output!r} is unknown; use opening or flow")
+    charge, kv = _curve("gas_charge", gas_charge), _curve("kv_curve", kv_curve)
+    medium, _, named = chosen("thermostatic_valve", fluid)
+    rho = 1000.0 if fluid == "water" else float(medium.density(medium.at))
 
     def position(u: Namespace, p: Namespace, force: Any) -> Any:
-        pressure: Any = 0.0
-        for c in reversed(list(gas_charge)):
-            pressure = pressure * u.T_gas + c
+        pressure = charge(u.T_gas)
         push = p.A_k * (u.dp_k - set_pressures[0]) + p.A_s * (u.dp_s - set_pressures[1])
         return (push - BELLOWS * (pressure - p.p_set) + force) / (STIFFNESS + p.K_f * u.dp_k)
 
@@ -73,9 +85,16 @@ def thermostatic_valve(
         }
 
     def observe(x: Namespace, u: Namespace, p: Namespace) -> dict[str, Any]:
-        if friction == "play":
-            return {"opening": x.x}
-        return {"opening": position(u, p, x.F - x.F_slow if friction == "bliman-sorine" else x.F)}
+        opening = x.x if friction == "play" else position(u, p, x.F - x.F_slow if friction == "bliman-sorine" else x.F)
+        if output == "opening":
+            return {"opening": opening}
+        return {"m_flow": valve_flow(kv(smooth_maximum(opening, 0.0, SEAT)), u.dp_k, density=rho)}
+
+    measured = Quantity("opening", "m", "valve opening") if output == "opening" else Quantity("m_flow", "kg/s", "flow")
+
+    def start(y: Namespace, u: Namespace, p: Namespace) -> dict[str, Any]:
+        rest = y.opening if output == "opening" else position(u, p, 0.0)
+        return {s: rest if s == "x" else 0.0 for s in names}
 
     names = {"play": ["x"], "dahl": ["F"], "bliman-sorine": ["F", "F_slow"]}[friction]
     states = tuple(
@@ -92,26 +111,32 @@ def thermostatic_valve(
             Quantity("dp_k", "Pa", "pressure difference across the cone"),
             Quantity("dp_s", "Pa", "pressure in front of the valve, over the surroundings"),
         ),
-        outputs=(Quantity("opening", "m", "valve opening"),),
-        parameters=_parameters(friction),
+        outputs=(measured,),
+        parameters=_parameters(friction, output),
         drift=drift,
         diffusion=lambda x, u, p: dict.fromkeys(names, p.sigma),
         observe=observe,
-        noise=lambda x, u, p: {"opening": p.noise},
-        start=lambda y, u, p: {s: y.opening if s == "x" else 0.0 for s in names},
-        options={"friction": friction, "gas_charge": list(gas_charge), "set_pressures": list(set_pressures)},
+        noise=lambda x, u, p: {measured.symbol: p.noise},
+        start=start,
+        options={
+            "friction": friction,
+            "gas_charge": _plain(gas_charge),
+            "set_pressures": list(set_pressures),
+            **({"output": output, "kv_curve": _plain(kv_curve)} if output == "flow" else {}),
+            **({"fluid": named["fluid"]} if "fluid" in named else {}),
+        },
         valid={"T_gas": (-10.0, 100.0), "dp_k": (0.0, 5e5)},
         faults=(
             Fault(
                 "sticking",
                 "deposits or a dry seal: the stem moves late and by jumps",
-                {"play": 1, "innovation:opening": 1} if friction == "play" else {"F_max": 1, "innovation:opening": 1},
+                {"play" if friction == "play" else "F_max": 1, f"innovation:{measured.symbol}": 1},
                 ("turn the head from end to end: the stem must spring back", "clean or change the insert"),
             ),
             Fault(
                 "gas charge lost",
                 "the sensing element has lost charge: the valve stays open",
-                {"p_set": 1, "innovation:opening": 1},
+                {"p_set": 1, f"innovation:{measured.symbol}": 1},
                 ("change the thermostatic head",),
             ),
         ),
@@ -123,7 +148,31 @@ def thermostatic_valve(
     )
 
 
-def _parameters(friction: str) -> tuple[Parameter, ...]:
+def _curve(name: str, curve: Sequence[Any]) -> Callable[[Any], Any]:
+    """A polynomial, lowest power first, or a table joined by straight lines and level beyond its ends."""
+    if len(curve) == 0:
+        raise ModelError(f"thermostatic_valve: {name} is empty; give the manufacturer's polynomial or table")
+    if not isinstance(curve[0], Sequence):
+        coefficients = tuple(float(c) for c in curve)
+        return lambda t: horner(coefficients, t)
+    xs, ys = zip(*((float(a), float(b)) for a, b in curve), strict=True)
+    if any(b <= a for a, b in pairwise(xs)):
+        raise ModelError(f"thermostatic_valve: the table of {name} does not rise from row to row; sort it")
+
+    def table(t: Any) -> Any:
+        value: Any = ys[0]
+        for (a, b), (low, high) in zip(pairwise(xs), pairwise(ys), strict=True):
+            value = value + (high - low) / (b - a) * (minimum(maximum(t, a), b) - a)
+        return value
+
+    return table
+
+
+def _plain(curve: Sequence[Any]) -> list[Any]:
+    return [list(c) if isinstance(c, Sequence) else c for c in curve]
+
+
+def _parameters(friction: str, output: str) -> tuple[Parameter, ...]:
     table = [
         Parameter("p_set", "Pa", "pressure of the gas charge at the set point", 77.6e3, 1e3, 1e6, PAPER),
         Parameter("A_k", "m^2", "area of the cone", 52e-6, 1e-7, 1e-2, PAPER),
@@ -147,6 +196,8 @@ def _parameters(friction: str) -> tuple[Parameter, ...]:
         ]
     table += [
         noise,
-        Parameter("noise", "m", "measurement noise of the opening", 2.4e-6, 1e-9, 1e-2, PAPER, kind="noise"),
+        Parameter("noise", "m", "measurement noise of the opening", 2.4e-6, 1e-9, 1e-2, PAPER, kind="noise")
+        if output == "opening"
+        else Parameter("noise", "kg/s", "measurement noise of the flow", 5e-4, 1e-8, 1.0, PAPER, kind="noise"),
     ]
     return tuple(table)

@@ -9,25 +9,34 @@ from __future__ import annotations
 from typing import Any, Literal
 
 from fdd.models.declare import ComponentModel, Fault, ModelError, Namespace, Parameter, Quantity, State
-from fdd.models.fluid import valve_flow
+from fdd.models.fluid import get_fluid
+from fdd.models.friction import valve_flow
 from fdd.models.functions import exp, log, logistic
 
 IEC = "IEC 60534-2-1 and 60534-2-4"
 CHECK = ("close the valve by hand and feel whether the pipe behind it cools", "check seat, stroke and actuator")
 
 
-def control_valve(characteristic: Literal["equal-percentage", "linear"] = "equal-percentage") -> ComponentModel:
+def control_valve(
+    characteristic: Literal["equal-percentage", "linear"] = "equal-percentage", fluid: str = "water"
+) -> ComponentModel:
     """Control valve in series with its circuit.
 
     Inherent characteristic (IEC 60534-2-4): phi = leak + (1 - leak) R^(opening - 1), less its value at
     the seat, or linear.
 
+    Parameters
+    ----------
+    characteristic : inherent characteristic
+    fluid : what flows, see :mod:`fdd.models.fluid`; its density counts
+
     Raises
     ------
-    ModelError : unknown characteristic
+    ModelError : unknown characteristic or fluid
     """
     if characteristic not in ("equal-percentage", "linear"):
         raise ModelError(f"control_valve: characteristic {characteristic!r} is unknown; use equal-percentage or linear")
+    rho = _density(fluid)
 
     def drift(x: Namespace, u: Namespace, p: Namespace) -> dict[str, Any]:
         share = u.opening
@@ -36,7 +45,7 @@ def control_valve(characteristic: Literal["equal-percentage", "linear"] = "equal
             share = (exp((u.opening - 1.0) * log(p.R)) - seat) / (1.0 - seat)
         phi = p.leak + (1.0 - p.leak) * share
         kv = 1.0 / (1.0 / (p.kv * phi + 1e-9) ** 2 + 1.0 / (p.kv_circuit * p.kv_circuit)) ** 0.5
-        return {"m": (valve_flow(kv, u.dp) - x.m) / p.tau}
+        return {"m": (valve_flow(kv, u.dp, density=rho) - x.m) / p.tau}
 
     parameters = [
         Parameter("kv", "m^3/h", "flow at 1 bar, valve open", 2.5, 1e-3, 1e4, IEC),
@@ -61,7 +70,7 @@ def control_valve(characteristic: Literal["equal-percentage", "linear"] = "equal
         observe=lambda x, u, p: {"m_flow": x.m},
         noise=lambda x, u, p: {"m_flow": p.noise},
         start=lambda y, u, p: {"m": y.m_flow},
-        options={"characteristic": characteristic},
+        options={"characteristic": characteristic, **_medium(fluid)},
         valid={"opening": (0.0, 1.0), "dp": (-1e6, 1e6)},
         faults=(
             Fault("leak", "the seat leaks through", {"leak": 1, "innovation:m_flow": 1}, CHECK),
@@ -76,12 +85,22 @@ def control_valve(characteristic: Literal["equal-percentage", "linear"] = "equal
     )
 
 
-def relief_valve() -> ComponentModel:
-    """Differential pressure relief valve: opens by the share logistic((dp - p_set)/band)."""
+def relief_valve(fluid: str = "water") -> ComponentModel:
+    """Differential pressure relief valve: opens by the share logistic((dp - p_set)/band).
+
+    Parameters
+    ----------
+    fluid : what flows, see :mod:`fdd.models.fluid`; its density counts
+
+    Raises
+    ------
+    ModelError : a fluid that is not known
+    """
+    rho = _density(fluid)
 
     def drift(x: Namespace, u: Namespace, p: Namespace) -> dict[str, Any]:
         lift = p.leak + (1.0 - p.leak) * logistic((u.dp - p.p_set) / p.band)
-        return {"m": (valve_flow(p.kv * lift, u.dp) - x.m) / p.tau}
+        return {"m": (valve_flow(p.kv * lift, u.dp, density=rho) - x.m) / p.tau}
 
     return ComponentModel(
         name="relief_valve",
@@ -104,6 +123,7 @@ def relief_valve() -> ComponentModel:
         observe=lambda x, u, p: {"m_flow": x.m},
         noise=lambda x, u, p: {"m_flow": p.noise},
         start=lambda y, u, p: {"m": y.m_flow},
+        options=_medium(fluid),
         valid={"dp": (-1e6, 1e6)},
         faults=(
             Fault(
@@ -116,3 +136,13 @@ def relief_valve() -> ComponentModel:
         ),
         references=("IEC 60534-2-1: Flow capacity.", "EN 1267: Valves - Test of flow resistance."),
     )
+
+
+def _density(fluid: str) -> float:
+    """Water as IEC 60534 has it, another fluid at its temperature [kg/m3]."""
+    medium = get_fluid(fluid)
+    return 1000.0 if fluid == "water" else float(medium.density(medium.at))
+
+
+def _medium(fluid: str) -> dict[str, Any]:
+    return {} if fluid == "water" else {"fluid": fluid}

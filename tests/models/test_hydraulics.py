@@ -1,25 +1,22 @@
+from itertools import pairwise
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from fdd.models.declare import ModelError
-from fdd.models.fluid import density, friction_blasius, friction_colebrook, threshold, valve_flow, viscosity
-from fdd.models.pipe import pipe_hydraulic, pipe_thermal
+from fdd.models.fluid import WATER
+from fdd.models.friction import friction_blasius, friction_colebrook, threshold, valve_flow
+from fdd.models.pipe_hydraulic import pipe_hydraulic
+from fdd.models.pipe_thermal import pipe_thermal
 from fdd.models.pump import pump
 from fdd.models.thermostatic_valve import thermostatic_valve
 from fdd.models.valve import control_valve, relief_valve
 from tests.models.numeric import drift, steady, typical
 
 
-@pytest.mark.parametrize(
-    ("t", "rho", "mu"), [(10, 999.70, 1.306e-3), (30, 995.65, 0.797e-3), (60, 983.20, 0.466e-3), (80, 971.8, 0.354e-3)]
-)
-def test_water_properties_are_those_of_the_steam_tables(t, rho, mu):
-    assert density(float(t)) == pytest.approx(rho, abs=0.3)
-    assert viscosity(float(t)) == pytest.approx(mu, rel=0.03)
-
-
 def test_48_kg_per_hour_in_the_papers_pipe_is_reynolds_2130():
-    reynolds = 4 * 48 / 3600 / (np.pi * 0.01 * viscosity(30.0))
+    reynolds = 4 * 48 / 3600 / (np.pi * 0.01 * WATER.viscosity(30.0))
     assert reynolds == pytest.approx(2130, abs=10)
 
 
@@ -51,7 +48,7 @@ def test_laminar_flow_is_hagen_poiseuille():
     model = pipe_hydraulic()
     p = typical(model, psi=1e-3)
     flow = steady(model, np.array([0.0]), {"dp": 100.0, "T": 30.0}, p, 600.0)[0]
-    expected = np.pi * 0.01**4 * 100.0 * density(30.0) / (128 * viscosity(30.0) * 12.0)
+    expected = np.pi * 0.01**4 * 100.0 * WATER.density(30.0) / (128 * WATER.viscosity(30.0) * 12.0)
     assert flow == pytest.approx(expected, rel=2e-3)
 
 
@@ -119,3 +116,49 @@ def test_play_does_not_move_inside_the_play():
 def test_wrong_options_are_refused(make):
     with pytest.raises(ModelError):
         make()
+
+
+def test_thermostatic_valve_passes_what_its_kv_curve_says():
+    table = [[0.0, 0.0], [1e-4, 0.2], [5e-4, 0.6]]
+    model, opening = thermostatic_valve(output="flow", kv_curve=table), thermostatic_valve()
+    p, u = typical(model), {"T_gas": 29.0, "rate": 0.0, "dp_k": 2e4, "dp_s": 1e5}
+    lift = opening.observe(SimpleNamespace(F=0.0), SimpleNamespace(**u), typical(opening))["opening"]
+    flow = model.observe(SimpleNamespace(F=0.0), SimpleNamespace(**u), p)["m_flow"]
+    kv = np.interp(lift, *np.transpose(table))
+    assert 1e-5 < lift < 5e-4
+    assert flow == pytest.approx(kv * 1000 / 3600 * 0.2**0.5, rel=0.01)
+
+
+def test_thermostatic_valve_closes_as_it_warms_and_does_not_pass_backwards():
+    model = thermostatic_valve(output="flow")
+    p = typical(model)
+    flows = [
+        model.observe(SimpleNamespace(F=0.0), SimpleNamespace(T_gas=t, rate=0.0, dp_k=2e4, dp_s=1e5), p)["m_flow"]
+        for t in (26.0, 29.0, 31.0, 45.0)
+    ]
+    assert all(a > b for a, b in pairwise(flows))
+    assert 0 <= flows[-1] < 1e-3 * flows[0]
+
+
+def test_gas_charge_as_a_table_is_the_line_it_is_taken_from():
+    line, table = thermostatic_valve(), thermostatic_valve(gas_charge=[[0.0, -27.4e3], [40.0, 112.6e3]])
+    u = SimpleNamespace(T_gas=23.0, rate=0.0, dp_k=2e4, dp_s=1e5)
+    values = [m.observe(SimpleNamespace(F=0.0), u, typical(m))["opening"] for m in (line, table)]
+    assert values[0] == pytest.approx(values[1], rel=1e-9)
+
+
+def test_wall_ends_as_warm_as_the_loss_says_and_delays_more():
+    plain, wall = pipe_thermal(6), pipe_thermal(6, wall=True)
+    u = {"T_in": 60.0, "m_flow": 0.3, "T_around": 10.0}
+    p, q = typical(plain, C=4.8e5, UA=50.0), typical(wall, C=4e5, C_wall=8e4, B=1e7, UA=50.0)
+    a = steady(plain, np.full(6, 30.0), u, p, 2e4)[-1]
+    b = steady(wall, np.full(12, 30.0), u, q, 2e4)[5]
+    assert a == pytest.approx(b, abs=1e-3)  # a wall in perfect contact is part of the water
+
+
+def test_pipe_without_flow_cools_towards_its_surroundings():
+    model = pipe_thermal(4)
+    u = {"T_in": 60.0, "m_flow": 0.0, "T_around": 10.0}
+    p = typical(model, C=1e5, UA=20.0)
+    x = steady(model, np.full(4, 50.0), u, p, 5000.0)
+    assert x == pytest.approx(np.full(4, 10 + 40 * np.exp(-1.0)), abs=1e-4)
