@@ -2,19 +2,22 @@
 
 Baselines come from fault-free days; a fault-free day is judged by a baseline that has not seen it. A day gets two
 statistics: the gain in log-likelihood, over sliding windows, of each single fault against none (a bank of hypotheses),
-and the lowest hourly mean of the cooling coil's condition while it cools. Limits come from the baseline's own days.
+and the lowest hourly mean of the cooling coil's condition while it cools. Limits are predictive, from the days a baseline
+knows: one false alarm a year from each. An alarm of the condition alone is either a leak or a lack of cold water; what
+tells them apart is the fan's stop, when the heat of a warm coil behind a closed valve reaches the still air beside it.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.stats import t as student
 
 from fdd.greybox.fit import fit
 from fdd.greybox.likelihood import Data, Likelihood
@@ -33,6 +36,8 @@ HELD = {
 }  # fmt: skip
 START = {"n_cool": 3.0, "g": 0.01, "tau_s": 300.0, "tau_m": 300.0, "d_mid": 0.46, "d_width": 0.09}
 WINDOWS = ((30, 15), (90, 30), (240, 80))  # length and stride [min]
+STOP = 600.0  # s after the fan's stop in which a warm coil gives off what it holds
+RATE = 1.0 / 365.0  # false alarms a day from each statistic
 MODEL = air_handler()
 FITTED = restrict(MODEL, fixed=HELD)  # fewer parameters, smaller kernel
 SYMBOLS = MODEL.symbols["parameters"]
@@ -47,6 +52,18 @@ class Verdict:
     gains: dict[str, float]
     condition: float
     limits: tuple[float, float]
+    stop: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def named(self) -> bool:
+        """An alarm, and the leak explains it better than any other fault: in a window, or when the fan stops.
+
+        A likelihood ratio beyond the number of values tried over ``RATE`` is chance no oftener than that (Ville).
+        """
+        tried = sum(map(len, hypotheses(START).values()))
+        at_stop = self.stop.get("leak_heat", 0.0)
+        warm = at_stop > np.log(tried / RATE) and at_stop == max(self.stop.values())
+        return self.leaks or (self.short and warm)
 
     @property
     def leaks(self) -> bool:
@@ -61,7 +78,7 @@ class Verdict:
     @property
     def words(self) -> str:
         """What a technician would be told."""
-        if self.leaks:
+        if self.named:
             return "heating valve leaks" + (", cooling works against it" if self.short else "")
         return "cooling short: heating valve leaks or cold water lacks" if self.short else "quiet"
 
@@ -149,6 +166,27 @@ def gains(record: Data, p: dict[str, float]) -> dict[str, float]:
     return best
 
 
+def gains_at_stop(record: Data, p: dict[str, float]) -> dict[str, float]:
+    """Gain in log-likelihood of every hypothesis over the minutes after the fan's last stop; none without a stop."""
+    running = np.nonzero(record.u[:, 3] > 0)[0]
+    if len(running) == 0 or running[-1] + 3 >= len(record) or running[-1] < 2:
+        return {}
+    first = int(running[-1]) - 1
+    part = slice(first, int(np.searchsorted(record.t, record.t[running[-1] + 1] + STOP)))
+    values = np.array([p[s] for s in SYMBOLS])
+    path = Likelihood(MODEL, record).paths(values)[0]
+    piece = Data(record.t[part], record.u[part], record.y[part], x0=path.x[first], P0=path.P[first])
+    likelihood = Likelihood(MODEL, piece)
+    none = likelihood.value(values)
+    best = dict.fromkeys(hypotheses(p), 0.0)
+    for symbol, tries in hypotheses(p).items():
+        for value in tries:
+            changed = values.copy()
+            changed[SYMBOLS.index(symbol)] = value
+            best[symbol] = max(best[symbol], none - likelihood.value(changed))
+    return best
+
+
 def condition(record: Data, p: dict[str, float]) -> float:
     """Lowest hourly mean of the coil's condition while it cools, an hour after the fan's start and later."""
     path = Likelihood(MODEL, record).paths(np.array([p[s] for s in SYMBOLS]))[0]
@@ -167,18 +205,22 @@ def cut(record: Data, first: float = 6.5, last: float = 20.5) -> Data:
 def limits_of(records: Sequence[Data], p: dict[str, float]) -> tuple[float, float]:
     """Limits of leak gain and coil condition from the days a baseline knows.
 
-    Twice the largest gain, half as far again as the lowest condition; a gain of at least one nat a minute of the
-    longest window, as innovations that are 1.4 standard deviations off throughout give.
+    Predictive limits for one more day like those known. The gain has an exponential tail (Wilks) whose scale, blown up
+    by the model's error, comes from the days: P(next > g) = (1 + g / sum)^-n. The condition is normal, by Student's t
+    over the days that cooled.
     """
-    largest = max(gains(r, p)["leak_heat"] for r in records)
-    return max(2.0 * largest, float(WINDOWS[-1][0])), 1.5 * min(condition(r, p) for r in records)
+    known = np.array([gains(r, p)["leak_heat"] for r in records])
+    cooled = np.array([c for c in (condition(r, p) for r in records) if c != 0.0])
+    spread = cooled.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(cooled))
+    lowest = cooled.mean() + student.ppf(RATE, len(cooled) - 1) * spread
+    return float(known.sum() * (RATE ** (-1.0 / len(known)) - 1.0)), float(lowest)
 
 
 def verdict(record: Data, p: dict[str, float], limits: tuple[float, float], shorten: bool = False) -> Verdict:
     """One day under a baseline."""
     used = cut(record) if shorten else record
     hours = float((record.u[:, 3] > 0).sum()) / 60
-    return Verdict(record.name, hours, gains(used, p), condition(used, p), limits)
+    return Verdict(record.name, hours, gains(used, p), condition(used, p), limits, gains_at_stop(used, p))
 
 
 def judge(records: dict[str, Data], folds: int, shorten: bool = False) -> list[Verdict]:
@@ -208,14 +250,16 @@ def quick_judge(records: dict[str, Data]) -> list[Verdict]:
 
 def table(verdicts: Sequence[Verdict]) -> str:
     """The day table as Markdown."""
-    head = "| day | truth | fan ran [h] | leak: gain (limit) | best other | cooling condition (limit) | verdict |"
-    lines = [head, "|---|---|---|---|---|---|---|"]
+    head = "| day | truth | fan ran [h] | leak: gain (limit) | best other | cooling condition (limit) | fan stop: leak, best other | verdict |"
+    lines = [head, "|---|---|---|---|---|---|---|---|"]
     for v in verdicts:
         truth = f"leak {LEAK[v.day]}" if v.day in LEAK else "doubtful" if v.day in APART else "normal"
         other, gain = max(((s, g) for s, g in v.gains.items() if s != "leak_heat"), key=lambda item: item[1])
+        stop = max(((g, s) for s, g in v.stop.items() if s != "leak_heat"), default=(0.0, "none"))
         lines.append(
             f"| {v.day} | {truth} | {v.fan_hours:.1f} | {v.gains['leak_heat']:.0f} ({v.limits[0]:.0f}) | "
-            f"{other} {gain:.0f} | {v.condition:.2f} ({v.limits[1]:.2f}) | {v.words} |"
+            f"{other} {gain:.0f} | {v.condition:.2f} ({v.limits[1]:.2f}) | "
+            f"{v.stop.get('leak_heat', 0.0):.0f}, {stop[1]} {stop[0]:.0f} | {v.words} |"
         )
     return "\n".join(lines)
 
@@ -226,7 +270,7 @@ def score(verdicts: Sequence[Verdict]) -> dict[str, Any]:
     normal = [v for v in verdicts if v.day not in LEAK and v.day not in APART]
     return {
         "seen": sum(v.leaks or v.short for v in faulty),
-        "named": sum(v.leaks for v in faulty),
+        "named": sum(v.named for v in faulty),
         "false": sum(v.leaks or v.short for v in normal),
         "faulty": len(faulty),
         "normal": len(normal),
