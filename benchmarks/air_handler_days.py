@@ -2,8 +2,8 @@
 
 Baselines come from fault-free days; a fault-free day is judged by a baseline that has not seen it. A day gets two
 statistics: the gain in log-likelihood, over sliding windows, of each single fault against none (a bank of hypotheses),
-and the lowest hourly mean of the cooling coil's condition while it cools. Limits are predictive, from the days a baseline
-knows: one false alarm a year from each. An alarm of the condition alone is either a leak or a lack of cold water; what
+and the lowest hourly mean of the cooling coil's condition while it cools. Limits are predictive, from the days a
+baseline knows: one false alarm a year from each. An alarm of the condition alone is either a leak or a lack of cold water; what
 tells them apart is the fan's stop, when the heat of a warm coil behind a closed valve reaches the still air beside it.
 """
 
@@ -250,7 +250,10 @@ def quick_judge(records: dict[str, Data]) -> list[Verdict]:
 
 def table(verdicts: Sequence[Verdict]) -> str:
     """The day table as Markdown."""
-    head = "| day | truth | fan ran [h] | leak: gain (limit) | best other | cooling condition (limit) | fan stop: leak, best other | verdict |"
+    head = (
+        "| day | truth | fan ran [h] | leak: gain (limit) | best other | cooling condition (limit) | "
+        "fan stop: leak, best other | verdict |"
+    )
     lines = [head, "|---|---|---|---|---|---|---|---|"]
     for v in verdicts:
         truth = f"leak {LEAK[v.day]}" if v.day in LEAK else "doubtful" if v.day in APART else "normal"

@@ -56,12 +56,21 @@ def balances() -> dict[str, float]:
     def pipe(x: FloatArray, p: Any) -> tuple[float, float, float]:
         return p.C / 12 * x.sum(), CP * 0.5 * (60 - x[-1]) - p.UA / 12 * (x - 15).sum(), CP * 0.5 * 45
 
+    def coil(x: FloatArray, p: Any) -> tuple[float, float, float]:
+        # In units of the coil's heat capacity: water gives, air takes up from its section to behind the coil.
+        valve = p.leak_heat + (1 - p.leak_heat) * ((0.5 + 1e-4) ** p.gamma_heat - 1e-4**p.gamma_heat)
+        behind = x[0] + p.e_heat * (x[1] - x[0])
+        given = p.g * valve * (p.T_hot - x[1])
+        return x[1], given - p.r * 0.8 * (behind - x[0]) - p.k_0 * (x[1] - x[0]), given
+
+    coil_in = {"T_out": 0.0, "T_return": 22.0, "damper": 0.4, "fan": 0.8, "cool": 0.0, "heat": 0.5}
     room = {"T_supply": 60.0, "T_room": 20.0, "m_flow": 0.05}
     pipe_in = {"T_in": 60.0, "m_flow": 0.5, "T_around": 15.0}
     return {
         "heat exchanger": _closure(get_model("heat_exchanger"), hx_in, [70, 60, 50, 38, 45, 50], 120.0, hx),
         "radiator": _closure(get_model("radiator"), room, [55, 40, 25, -0.5], 3600.0, radiator),
         "building": _closure(get_model("building"), house_in, [19, 17, 21, 20], 86400.0, building),
+        "heating coil": _closure(get_model("air_handler"), coil_in, [15.0, 25.0, 18.0, 0.0], 1800.0, coil),
         "pipe": _closure(get_model("pipe_thermal"), pipe_in, [30.0] * 12, 600.0, pipe),
     }
 

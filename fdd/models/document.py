@@ -34,6 +34,8 @@ def page(name: str) -> str:
         f"```text\n{about}\n```",
         "## Equations",
         _equations(shown, SHOWN.get(name)),
+        "## Sensors and range",
+        _sensors(model),
         "## Quantities",
         _table(("symbol", "unit", "role", "meaning", "holds in"), _quantities(model)),
         "## Parameters",
@@ -92,6 +94,13 @@ def _symbol(name: str) -> str:
 
 def _latex(q: Quantity) -> str:
     return str(sympy.latex(sympy.Symbol(_symbol(q.symbol))))
+
+
+def _sensors(model: ComponentModel) -> str:
+    needed = ", ".join(f"`{q.symbol}` ({q.meaning})" for q in (*model.inputs, *model.outputs))
+    units = {q.symbol: q.unit for q in (*model.inputs, *model.outputs)}
+    ranges = ", ".join(f"`{s}` from {low:g} to {high:g} {units[s]}" for s, (low, high) in model.valid.items())
+    return f"Needs at least: {needed}; an input may be a constant where it hardly varies.\n\nHolds for {ranges}."
 
 
 def _quantities(model: ComponentModel) -> Iterable[Sequence[str]]:
