@@ -58,4 +58,4 @@ def warm_up() -> None:
         elif cls.feed is Feed.ESTIMATES:
             chart.update_estimates(nothing, nothing)  # type: ignore[attr-defined]
         else:
-            chart.update(nothing if cls.feed is Feed.VALUES else np.full((1, 2), np.nan))
+            chart.update(np.full((1, 2), np.nan) if cls.feed is Feed.VECTORS else nothing)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from fdd.residual_monitors.chart import Chart, Feed, Verdicts
 from fdd.residual_monitors.registry import charts, make
@@ -22,6 +23,8 @@ OPTIONS: dict[str, dict[str, Any]] = {
 """Small windows and blocks, so that weeks pass quickly; a new chart needs no entry."""
 WIDTH = 2
 """Elements of a vector, parameters of a component."""
+RESTING = 0.9
+"""Share of readings that a closed valve, say, gives as the same number; the others are all different."""
 INFORMATION = np.array([[4.0, 1.0], [1.0, 2.0]])
 ROOT = np.linalg.cholesky(INFORMATION)
 
@@ -32,6 +35,8 @@ def build(kind: str, units: int, arl: float = 2000.0, options: dict[str, Any] | 
     own = OPTIONS.get(kind, {}) if options is None else options
     if charts()[kind].feed is Feed.SCORES:
         own = {"parameters": WIDTH, **own}
+    if charts()[kind].feed is Feed.READINGS:
+        own = {"repeat": RESTING, **own}
     return make(kind, np.full(streams, arl), **own)
 
 
@@ -42,7 +47,9 @@ def draw(rng: Generator, kind: str, steps: int, units: int) -> Array:
 
 
 def fault(rng: Generator, kind: str, steps: int, units: int) -> Array:
-    """What every chart must see: shifted, too wide, and coloured."""
+    """What every chart must see: shifted, too wide, and coloured; frozen, where readings themselves are charted."""
+    if charts()[kind].feed is Feed.READINGS:
+        return np.full((steps, units, 1), 3.0)
     x = 3 * draw(rng, kind, steps, units)
     for t in range(1, steps):
         x[t] += 0.9 * x[t - 1]
@@ -55,6 +62,8 @@ def push(chart: Chart, x: Array) -> Verdicts:
         return chart.update(x[:, 0])
     if chart.feed is Feed.VECTORS:
         return chart.update(x)
+    if chart.feed is Feed.READINGS:
+        return chart.update(np.where(x[:, 0] < ndtri(RESTING), 0.0, x[:, 0]))
     if chart.feed is Feed.ESTIMATES:
         return chart.update_estimates(0.1 * x[:, 0], np.full(len(x), 0.1))  # type: ignore[attr-defined,no-any-return]
     score = np.stack([ROOT[0, 0] * x[:, 0], ROOT[1, 0] * x[:, 0] + ROOT[1, 1] * x[:, 1]], axis=1)
