@@ -22,9 +22,11 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from scipy.special import ndtri
 
 from benchmarks import peers, room, whole_engine
 from benchmarks.common import arguments, context, figure, report
+from fdd.records import FloatArray
 from fdd.residual_monitors.budget import poisson_interval
 from fdd.residual_monitors.chart import Chart, Feed, Phase
 from fdd.residual_monitors.registry import charts, make, warm_up
@@ -34,6 +36,7 @@ ORACLE = Path(__file__).resolve().parents[1] / "tests" / "oracle"
 Figures = dict[str, dict[str, Any]]
 Section = Callable[[bool, Console], tuple[Figures, dict[str, Any]]]
 SEED = 11
+RESTING = 0.9  # share of readings that do not change
 
 
 def solver(quick: bool, console: Console) -> tuple[Figures, dict[str, Any]]:
@@ -84,7 +87,9 @@ def rates(quick: bool, console: Console) -> tuple[Figures, dict[str, Any]]:
     figures: Figures = {}
     for kind, cls in charts().items():
         width = 2 if cls.feed in (Feed.VECTORS, Feed.SCORES) else 1
-        options = {"parameters": width} if cls.feed is Feed.SCORES else {}
+        options: dict[str, Any] = {Feed.SCORES: {"parameters": width}, Feed.READINGS: {"repeat": RESTING}}.get(
+            cls.feed, {}
+        )
         chart = make(kind, np.full(streams * (width if cls.feed is Feed.SCORES else 1), wanted), **options)
         alarms, seen = _realise(chart, streams, width, steps)
         low, high = (x * wanted / seen for x in poisson_interval(alarms))
@@ -114,13 +119,20 @@ def _realise(chart: Chart, units: int, width: int, steps: int) -> tuple[int, flo
         elif chart.feed is Feed.ESTIMATES:
             said = chart.update_estimates(x[:, 0], error)  # type: ignore[attr-defined]
         else:
-            said = chart.update(x if chart.feed is Feed.VECTORS else x[:, 0])
+            said = chart.update(_fed(chart, x))
         rang = said.phase == Phase.ALARM
         seen += np.count_nonzero(np.isfinite(x[:, 0])) * (chart.n // units)
         if rang.any():
             alarms += int(rang.sum())
             chart.reset(rang)
     return alarms, seen
+
+
+def _fed(chart: Chart, x: FloatArray) -> FloatArray:
+    """Values (units, width) as the chart takes them; readings that rest at one number most of the time."""
+    if chart.feed is Feed.READINGS:
+        return np.where(x[:, 0] < ndtri(RESTING), 0.0, x[:, 0])
+    return x if chart.feed is Feed.VECTORS else x[:, 0]
 
 
 def _update_time(streams: int) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import chi2
 
-from fdd.records import FloatArray
+from fdd.records import FloatArray, IntArray
 from fdd.residual_monitors.window import WindowChart
 
 
@@ -50,7 +50,7 @@ class Autocorrelation(WindowChart):
         """A chart with these mean numbers of values between false alarms."""
         return cls(chi2.isf(share_of_windows(arl, window), lags), window=window, lags=lags)
 
-    def _test(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _test(self, values: FloatArray, streams: IntArray) -> tuple[FloatArray, FloatArray]:
         return _portmanteau(values, self.lags)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.stats import kstwo
 
-from fdd.records import FloatArray
+from fdd.records import FloatArray, IntArray
 from fdd.residual_monitors.autocorrelation import share_of_windows
 from fdd.residual_monitors.window import WindowChart
 
@@ -43,7 +43,7 @@ class Periodogram(WindowChart):
         """A chart with these mean numbers of values between false alarms."""
         return cls(kstwo.isf(share_of_windows(arl, window), (window - 1) // 2 - 1), window=window)
 
-    def _test(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _test(self, values: FloatArray, streams: IntArray) -> tuple[FloatArray, FloatArray]:
         q = (self.window - 1) // 2
         # One row at a time: a transform of many rows may round otherwise than one of one.
         spectrum = np.array([np.fft.rfft(row - row.mean()) for row in values])[:, 1 : q + 1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numba
@@ -154,11 +155,18 @@ class Still(Chart):
         return cls(np.maximum(runs, 1) - 0.5)
 
     @classmethod
-    def of(cls, arl: ArrayLike, found: list[Stillness]) -> Still:
+    def of(cls, arl: ArrayLike, found: Sequence[Stillness]) -> Still:
         """Charts whose limits keep the promise for signals that stay as still as they were on their baselines."""
-        wanted = np.array(arl, dtype=np.float64, ndmin=1)
-        limits = [s.limit(float(a)) for s, a in zip(found, wanted, strict=True)]
-        return cls(limits, low=[s.low for s in found], high=[s.high for s in found])
+        chart = cls(np.ones(len(found)))
+        chart.expect(arl, found)
+        return chart
+
+    def expect(self, arl: ArrayLike, found: Sequence[Stillness]) -> None:
+        """Take limits and ranges from baselines; counts go on."""
+        wanted = np.broadcast_to(np.asarray(arl, dtype=np.float64), (self.n,))
+        self.set_limit([s.limit(float(a)) for s, a in zip(found, wanted, strict=True)])
+        self.low = _ends([s.low for s in found], self.n, -np.inf)
+        self.high = _ends([s.high for s in found], self.n, np.inf)
 
     def _step(self, z: FloatArray) -> Verdicts:
         phase, statistic, direction, age = _count(

@@ -34,14 +34,19 @@ class WindowChart(Chart):
         self.tested = np.zeros(self.n, dtype=np.int8)
 
     @abstractmethod
-    def _test(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Statistic and its direction for full windows, (rows, window) -> (rows,), (rows,)."""
+    def _test(self, values: FloatArray, streams: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Statistic and its direction for full windows of these streams, (rows, window) -> (rows,), (rows,)."""
+
+    def statistics(self, values: ArrayLike, stream: int = 0) -> FloatArray:
+        """Statistic of full windows of one stream without charting them, (rows, window) -> (rows,)."""
+        rows = np.ascontiguousarray(values, dtype=np.float64)
+        return self._test(rows, np.full(len(rows), stream, dtype=np.int64))[0]
 
     def _step(self, z: FloatArray) -> Verdicts:
         full = np.flatnonzero(_fill(z, self.values, self.filled, self.elapsed))
         length = self.elapsed[full]
         if full.size:
-            statistic, direction = self._test(self.values[full])
+            statistic, direction = self._test(self.values[full], full)
             self.held[full] = np.minimum(statistic, CAP * self.limit[full])
             self.pointed[full] = np.sign(direction)
             self.tested[full] = 1

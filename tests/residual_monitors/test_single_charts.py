@@ -126,7 +126,7 @@ def test_nis_tells_too_large_from_too_small() -> None:
 def test_portmanteau_holds_in_the_tail() -> None:
     """Where the budget lives: one window in a thousand."""
     rng, chart = default_rng(7), Autocorrelation([30.0], window=96, lags=8)
-    q = np.concatenate([chart._test(rng.standard_normal((20_000, 96)))[0] for _ in range(5)])
+    q = np.concatenate([chart.statistics(rng.standard_normal((20_000, 96))) for _ in range(5)])
     for p in (0.1, 0.01, 1e-3):
         share = np.mean(q > chi2.isf(p, 8))
         assert share == pytest.approx(p, abs=4 * np.sqrt(p / q.size) + 0.15 * p)
@@ -155,7 +155,7 @@ def test_periodogram_finds_a_hidden_line() -> None:
     for value in rng.standard_normal(288) + 1.2 * np.sin(2 * np.pi * t / 9):
         said = chart.update([value])
     assert said.phase[0] == Phase.ALARM
-    statistic = chart._test(rng.standard_normal((4000, 288)))[0]
+    statistic = chart.statistics(rng.standard_normal((4000, 288)))
     assert kstest(statistic, lambda d: kstwo.cdf(d, 142)).pvalue > 1e-3
 
 

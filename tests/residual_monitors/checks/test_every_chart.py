@@ -28,7 +28,8 @@ def assert_finite(chart: Chart) -> None:
 
 def test_registry_holds_the_charts_of_the_promise() -> None:
     assert {
-        "autocorrelation", "cusum", "drift", "ewma", "glr", "mewma", "nis", "periodogram", "score", "shewhart", "still",
+        "autocorrelation", "cusum", "dispersion", "drift", "ewma", "glr", "mewma", "nis", "periodogram", "score",
+        "shewhart", "still",
     } <= set(KINDS)  # fmt: skip
     with pytest.raises(ValueError, match=r"there is no chart 'cosum'; there are .*cusum"):
         registry.make("cosum", [100.0])
@@ -172,7 +173,7 @@ def test_constant_and_saturated_values_leave_a_sound_chart(kind: str) -> None:
 def test_stuck_at_zero_is_no_alarm_but_to_the_charts_of_spread_and_stillness(kind: str) -> None:
     chart = build(kind, 2)
     said = run(chart, np.zeros_like(draw(default_rng(0), kind, 500, 2)))
-    assert np.all((said[-1, 0] == Phase.ALARM) == (kind in ("nis", "still")))
+    assert np.all((said[-1, 0] == Phase.ALARM) == (kind in ("nis", "dispersion", "still")))
 
 
 @every_chart
