@@ -251,10 +251,13 @@ def _past_blind_noise(
     explains what another should. Raise what is blind to where the search began and lower the others.
     """
     noise = np.array([q.kind == "noise" for q in objective.rows])
-    blind = noise & (np.diag(found.information) * unit**2 < 0.05)
-    if not blind.any() or not (noise & ~blind).any():
+    blind = np.diag(found.information) * unit**2 < 0.05
+    if not (noise & blind).any() or not (noise & ~blind).any():
         return None
-    theta = np.where(blind, start, np.where(noise, found.theta - 3.0 * unit, found.theta))
+    on_bound = (found.theta <= bounds[:, 0]) | (found.theta >= bounds[:, 1])
+    typical = np.array([to_scale(q, q.typical) for q in objective.rows])
+    lost = (~noise & (blind | on_bound)).any()
+    theta = np.where(noise, np.where(blind, typical, found.theta - 3.0 * unit), typical if lost else found.theta)
     theta = np.clip(theta, bounds[:, 0], bounds[:, 1])
     other = _minimised(objective, theta, bounds, unit, 1.0)
     return replace(other, evaluations=other.evaluations + found.evaluations)

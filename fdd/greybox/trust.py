@@ -42,8 +42,10 @@ def minimise(
     """Minimise within bounds; ``scale`` (k,) is a natural unit of each parameter, ``radius`` counts in it.
 
     The quadratic model is the Fisher information: positive semidefinite everywhere, which the observed curvature is
-    not. A ``curvature`` (k, k) replaces it, for the end of a search whose model does not fit the data. The search stops
-    when the model promises, and the last step gave, less than ``tolerance`` (in units of the log-likelihood).
+    not. Where a model does not fit the data the two differ; what the Fisher information lacks is learned from the
+    gradients of the steps taken (Dennis, Gay and Welsch 1981) and added whenever the last step says that it helps. A
+    ``curvature`` (k, k) replaces both at the start of the search. The search stops when the model promises, and the
+    last step gave, less than ``tolerance`` (in units of the log-likelihood).
     """
     unit = np.ones_like(start) if scale is None else scale
     x = np.clip(start, lower, upper)
@@ -52,8 +54,10 @@ def minimise(
     if not math.isfinite(f):
         return Optimum(x, f, g, B, count, False, "the likelihood is not finite at the start")
     last, reason = math.inf, "the most evaluations were used"
+    lacking = np.zeros_like(B) if curvature is None else curvature - B
+    corrected = curvature is not None
     while count < most:
-        model = _definite((B if curvature is None else curvature) * np.outer(unit, unit))
+        model = _definite((B + lacking if corrected else B) * np.outer(unit, unit))
         step, promised = _bounded_step(g * unit, model, radius, (lower - x) / unit, (upper - x) / unit)
         if promised < tolerance and last < tolerance * 10:
             return Optimum(x, f, g, B, count, True, "converged")
@@ -69,11 +73,41 @@ def minimise(
             radius = min(radius, length) * (0.25 if math.isfinite(ratio) else 0.1)
         elif ratio > 0.7 and length > 0.9 * radius:
             radius = min(radius * 2.5, 10.0)
+        if math.isfinite(fn):
+            moved = new - x
+            corrected = _better(g, B, lacking, moved, gained)
+            lacking = _learned(lacking, moved, gn - g, Bn)
         if gained > 0 and ratio > 1e-4:
             x, f, g, B, last = new, fn, gn, Bn, gained
         elif radius < 1e-9 or (promised < 1e-6 and abs(gained) < 1e-9 * max(1.0, abs(f))):
             return Optimum(x, f, g, B, count, promised < 1e-3, "no step improves the likelihood any more")
     return Optimum(x, f, g, B, count, False, reason)
+
+
+def _better(g: FloatArray, B: FloatArray, lacking: FloatArray, step: FloatArray, gained: float) -> bool:
+    """Whether the model with what Fisher's information lacks foretold the last step better than that alone."""
+    plain = -float(g @ step + 0.5 * step @ B @ step)
+    return abs(plain - 0.5 * float(step @ lacking @ step) - gained) < abs(plain - gained)
+
+
+def _learned(lacking: FloatArray, step: FloatArray, change: FloatArray, B: FloatArray) -> FloatArray:
+    """The symmetric rank-two update that makes B + lacking send the step to the change of the gradient.
+
+    Sized down first where the old part claims more curvature along the step than was seen.
+    """
+    seen = change - B @ step
+    curvature = float(step @ change)
+    if not curvature > 1e-12 * float(step @ step):
+        return lacking
+    claimed = float(step @ lacking @ step)
+    size = min(1.0, abs(float(step @ seen)) / abs(claimed)) if claimed else 1.0
+    rest = seen - size * (lacking @ step)
+    outer = np.outer(rest, change)
+    return np.asarray(
+        size * lacking
+        + (outer + outer.T) / curvature
+        - float(step @ rest) / curvature**2 * np.outer(change, change)
+    )
 
 
 def _definite(B: FloatArray) -> FloatArray:
