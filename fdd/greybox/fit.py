@@ -131,9 +131,7 @@ def fit(
             f"{model.name}: {samples} measured values for {len(free)} free parameters; give more data or fix some"
         )
     objective = Objective(likelihood, values, free, priors or {})
-    if not math.isfinite(likelihood.value(values)):
-        reason = likelihood.evaluate(values).reason
-        raise ParameterError(f"{model.name}: no likelihood at the start: {reason}; give a start nearer to the data")
+    objective.base = values = _where_it_exists(objective, values)
     best, trials = _search(objective, starts, seed, spread, progress)
     return _result(objective, best, trials, errors, values)
 
@@ -163,6 +161,26 @@ def _start_values(
         if not math.isfinite(value):
             raise ParameterError(f"{model.name}: {symbol} is fixed at {value}; give a finite number")
     return np.array([{**{q.symbol: q.typical}, **given, **fixed}[q.symbol] for q in model.parameters])
+
+
+def _where_it_exists(objective: Objective, values: FloatArray) -> FloatArray:
+    """The start, moved towards the model's typical values as far as it takes for likelihood and gradient to exist."""
+    model, likelihood = objective.likelihood.model, objective.likelihood
+    given, typical = objective.theta(values), np.array([to_scale(q, q.typical) for q in objective.rows])
+    reason = ""
+    for share in (0.0, 0.25, 0.5, 0.75, 0.9, 1.0):
+        moved = objective.natural(given + share * (typical - given)) if share else values
+        likelihood.choose_substeps(moved)
+        e = likelihood.evaluate(moved)
+        reason = reason or e.reason or "its derivatives are not finite"
+        if math.isfinite(e.value) and np.isfinite(e.gradient).all() and np.isfinite(e.information).all():
+            if share:
+                likelihood.warnings.append(
+                    f"the likelihood does not exist at the start ({reason}); searched from a point {share:.0%} of the "
+                    "way to the model's typical values instead"
+                )
+            return moved
+    raise ParameterError(f"{model.name}: no likelihood at the start: {reason}; give a start nearer to the data")
 
 
 def scale_bounds(q: Parameter) -> tuple[float, float]:
@@ -218,7 +236,9 @@ def _polished(objective: Objective, theta: FloatArray, bounds: FloatArray, unit:
     for _ in range(3):
         if not math.isfinite(found.value) or not objective.likelihood.choose_substeps(objective.natural(found.theta)):
             break
+        count = found.evaluations
         found = _minimised(objective, found.theta, bounds, unit, 0.1)
+        found = replace(found, evaluations=found.evaluations + count)
     for _ in range(2):
         other = _past_blind_noise(objective, theta, found, bounds, unit)
         if other is None or not other.value < found.value - 1e-6:
