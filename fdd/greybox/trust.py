@@ -104,9 +104,7 @@ def _learned(lacking: FloatArray, step: FloatArray, change: FloatArray, B: Float
     rest = seen - size * (lacking @ step)
     outer = np.outer(rest, change)
     return np.asarray(
-        size * lacking
-        + (outer + outer.T) / curvature
-        - float(step @ rest) / curvature**2 * np.outer(change, change)
+        size * lacking + (outer + outer.T) / curvature - float(step @ rest) / curvature**2 * np.outer(change, change)
     )
 
 
