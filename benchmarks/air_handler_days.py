@@ -4,7 +4,7 @@ Baselines come from fault-free days; a fault-free day is judged by a baseline th
 statistics: the gain in log-likelihood, over sliding windows, of each single fault against none (a bank of hypotheses),
 and the lowest hourly mean of the cooling coil's condition while it cools. Limits are predictive, from the days a
 baseline knows: one false alarm a year from each. An alarm of the condition alone is either a leak or a lack of cold
-water; what tells them apart is the fan's stop, when the heat of a warm coil behind a closed valve reaches the still air beside it.
+water; the stop of the fan tells which, when the heat of a warm coil behind a closed valve reaches still air.
 """
 
 from __future__ import annotations

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from fdd.config.load import load_site
-from fdd.plant.faults import DAY, KINDS, PlantFault, course
-from fdd.plant.network import PlantError
+from fdd.models.registry import get_model
+from fdd.plant.faults import DAY, KINDS, PlantFault, course, effects
+from fdd.plant.network import Network, PlantError
 from fdd.plant.scenario import Scenario, points, simulate
+from fdd.plant.simulate import Simulator
 from fdd.plant.site import demo_site, plant_source
 from fdd.plant.source import PlantOptions, PlantSource
 from ingest.source import Context, Refused, make_source
@@ -186,3 +188,20 @@ def test_a_year_takes_less_than_a_minute():
     assert time.process_time() - begin < 60.0
     assert len(frame) == 365 * 288
     assert np.isfinite(frame.to_numpy()).all()
+
+
+def test_worn_pump_gives_less_head_from_its_onset_in_proportion_to_its_shape():
+    plant = Network()
+    plant.add("pump", get_model("pump"))
+    for symbol, unit in (("speed", "1"), ("m_flow", "kg/s")):
+        plant.signal(f"in.{symbol}", unit)
+        plant.connect(f"in.{symbol}", f"pump.{symbol}")
+    plant.sensor("pump.dp_pump")
+    outside = {"in.speed": np.full(400, 1.0), "in.m_flow": np.full(400, 1.0)}
+    seconds = np.arange(400) * 60.0
+    fault = PlantFault("wear", "pump", 200 * 60.0, 0.2, "ramp", 100 * 60.0)
+    changes, sensors = effects(plant, (fault,), seconds)
+    head = np.concatenate([b.measured for b in Simulator(plant, 60.0, 1).run(outside, changes, sensors)])[:, 0]
+    before, half, worn = head[100:200].mean(), head[245:256].mean(), head[320:].mean()
+    assert before - worn == pytest.approx(0.2 * 6e4, rel=0.05)  # p_0 s^2 falls by a fifth
+    assert before - half == pytest.approx(0.5 * (before - worn), rel=0.15)
