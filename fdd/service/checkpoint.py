@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import json
 import sqlite3
+import threading
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -21,6 +22,9 @@ from fdd.records import Baseline, Batch, JsonObject
 from fdd.service.alarms import Command
 
 SCHEMA = 1
+# Pages that may wait in the write-ahead log (80 MB) before a commit has to copy them itself.
+MOST_PAGES = 20_000
+TRIES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,15 +78,35 @@ def _decode_batch(data: bytes) -> Batch:
 
 
 class Checkpoint:
-    """The state file of one daemon."""
+    """The state file of one daemon.
+
+    A thread copies the write-ahead log into the file after every save: that waits for the disk, and frames must not.
+    """
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._db = sqlite3.connect(path, isolation_level=None)
         self._db.execute("pragma journal_mode = wal")
         self._db.execute("pragma synchronous = normal")
+        self._db.execute(f"pragma wal_autocheckpoint = {MOST_PAGES}")
         self._db.execute("create table if not exists checkpoint (id integer primary key, schema integer, state blob)")
         self._db.execute("create table if not exists journal (n integer primary key, kind text, entry blob)")
+        self._saved, self._closing = threading.Event(), False
+        self._copier = threading.Thread(target=self._copy, args=(path,), daemon=True, name="checkpoint")
+        self._copier.start()
+
+    def _copy(self, path: Path) -> None:
+        link = sqlite3.connect(path, isolation_level=None)
+        while True:
+            self._saved.wait()
+            self._saved.clear()
+            if self._closing:
+                break
+            for _ in range(TRIES):  # what is journaled meanwhile is copied by the next turn
+                _, pages, copied = link.execute("pragma wal_checkpoint(passive)").fetchone()
+                if pages == copied:
+                    break
+        link.close()
 
     def load(self) -> JsonObject | None:
         """The last state saved, or None in a new file.
@@ -129,7 +153,11 @@ class Checkpoint:
         self._db.execute("insert or replace into checkpoint values (1, ?, ?)", (SCHEMA, data))
         self._db.execute("delete from journal")
         self._db.execute("commit")
+        self._saved.set()
 
     def close(self) -> None:
         """Close the file."""
+        self._closing = True
+        self._saved.set()
+        self._copier.join()
         self._db.close()

@@ -6,7 +6,7 @@ The same samples give the same bytes of output, in one batch or many, live or re
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -267,7 +267,7 @@ class Engine:
         return {
             "schema": SCHEMA,
             "time": self._time,
-            "baselines": [asdict(b) for b in self._baselines.values()],
+            "baselines": [{f: getattr(b, f) for f in Baseline.__slots__} for b in self._baselines.values()],
             "framer": self._framer.export_state(),
             "groups": [g.export_state() for g in self._groups],
             "charts": self._charts.export_state(),

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from influxdb_client import InfluxDBClient
+from influxdb_client import InfluxDBClient, OnboardingRequest, SetupService
 
 ORG = "plant"
 _numbers = itertools.count()
@@ -76,6 +76,22 @@ class Influxd:
             self.process.wait()
             self.process = None
 
+    def set_up(self) -> None:
+        """Onboard a server that was never used: the organisation and an administrator with a known token."""
+        with InfluxDBClient(self.url, token=self.admin_token) as client:
+            request = OnboardingRequest("admin", "test-password", ORG, "first", token=self.admin_token)
+            SetupService(client.api_client).post_setup(onboarding_request=request)
+
+    def count(self, bucket: str, measurement: str, field: str) -> int:
+        """How many points the server holds, counted by itself."""
+        flux = (
+            f'from(bucket: "{bucket}") |> range(start: 0) |> filter(fn: (r) => r._measurement == "{measurement}" '
+            f'and r._field == "{field}") |> count() |> group() |> sum()'
+        )
+        with InfluxDBClient(self.url, token=self.admin_token, org=ORG, timeout=120_000) as client:
+            tables = client.query_api().query(flux)
+        return sum(int(r.get_value()) for table in tables for r in table.records)
+
     def new_bucket(self) -> str:
         """A fresh bucket with its bucket of documents; returns its name."""
         name = f"site{next(_numbers)}"
@@ -94,11 +110,7 @@ def influxd_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Influxd
     server = Influxd(binary, tmp_path_factory.mktemp("influxd"))
     server.start()
     try:
-        with InfluxDBClient(server.url, token=server.admin_token) as client:
-            from influxdb_client import OnboardingRequest, SetupService
-
-            request = OnboardingRequest("admin", "test-password", ORG, "first", token=server.admin_token)
-            SetupService(client.api_client).post_setup(onboarding_request=request)
+        server.set_up()
         yield server
     finally:
         server.kill()
