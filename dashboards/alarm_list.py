@@ -42,7 +42,7 @@ def alarm_table(title: str, where: str, height: int = 18) -> table.Panel:
         panel, "component", "Open the component", "/d/fdd-component?var-site=${site}&var-component=${__value.raw}"
     )
     panel = panels.linked(panel, "summary", "What to do", "${runbook}#alarms")
-    return panels.linked(panel, "key", "Open the report", "${reports}/${__value.raw}.html")
+    return panels.linked(panel, "key", "Open the report", "${reports}/${__value.raw:percentencode}.html")
 
 
 def build() -> Dashboard:

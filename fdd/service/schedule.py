@@ -125,7 +125,10 @@ class JobRunner:
             if name in self._running:
                 log.warning("job skipped, the one before is still running", job=name)
                 continue
-            self._start(job, due)
+            try:
+                self._start(job, due)
+            except OSError as problem:  # a folder that cannot be made, no memory for a process
+                ended.append(_document(name, due, -1, f"could not be started: {problem}"))
         return ended
 
     def _start(self, job: Job, due: int) -> None:
@@ -147,19 +150,8 @@ class JobRunner:
 
     def _ended(self, name: str) -> JsonObject:
         r = self._running.pop(name)
-        code = int(r.process.returncode)
         last = r.log.read_text(errors="replace").strip().splitlines()[-1:]
-        state = "done" if code == 0 else "failed"
-        (log.info if code == 0 else log.error)("job ended", job=name, state=state, code=code)
-        said = (last[0] if last else "")[:2000]
-        return {
-            "key": f"job/{name}/{iso(r.due)}",
-            "job": name,
-            "due": r.due,
-            "state": state,
-            "code": code,
-            "said": said,
-        }
+        return _document(name, r.due, int(r.process.returncode), last[0] if last else "")
 
     def stop(self) -> list[JsonObject]:
         """Stop what is running; what it had not finished has changed nothing."""
@@ -172,3 +164,11 @@ class JobRunner:
                 r.process.kill()
                 r.process.wait()
         return self._collect()
+
+
+def _document(name: str, due: int, code: int, said: str) -> JsonObject:
+    """What is kept of a job that has ended."""
+    state = "done" if code == 0 else "failed"
+    (log.info if code == 0 else log.error)("job ended", job=name, state=state, code=code, said=said[:200])
+    key = f"job/{name}/{iso(due)}"
+    return {"key": key, "job": name, "due": due, "state": state, "code": code, "said": said[:2000]}

@@ -7,7 +7,7 @@ import shutil
 import sqlite3
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -63,16 +63,14 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
 
 
 @pytest.fixture(scope="module")
-def undisturbed(
-    prepared: Prepared, influxd_server: Influxd, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Kept]:
+def undisturbed(prepared: Prepared, influxd_server: Influxd, tmp_path_factory: pytest.TempPathFactory) -> Kept:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FDD_TEST_TOKEN", influxd_server.admin_token)
         kept = run(prepared, influxd_server, tmp_path_factory.mktemp("run") / "site", alone)
     assert '"component": "hx"' in " ".join(kept.alarms)
     assert len(kept.tables["samples"]) == sum(len(b) for b in prepared.batches)
     assert kept.accepted == len(kept.tables["samples"])
-    yield kept
+    return kept
 
 
 def own_site(prepared: Prepared, influxd: Influxd, folder: Path) -> Prepared:
