@@ -186,6 +186,7 @@ class InfluxStore(Strict):
     bucket: str = Field(description="bucket")
     token_file: Path | None = Field(default=None, description="file that holds the token")
     token_env: str | None = Field(default=None, description="environment variable that holds the token")
+    ca_file: Path | None = Field(default=None, description="certificate that signed the server's, for https")
 
     @model_validator(mode="after")
     def _one_token(self) -> InfluxStore:

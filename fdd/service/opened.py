@@ -28,7 +28,7 @@ class Opened:
 
     def _store_config(self) -> StoreConfig:
         table = self.site.store.model_dump(exclude_none=True)
-        for key in ("path", "token_file"):
+        for key in ("path", "token_file", "ca_file"):
             if key in table:
                 table[key] = self.site.folder / table[key]
         if table["kind"] == "influx":

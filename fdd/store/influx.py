@@ -92,7 +92,14 @@ class InfluxStore:
         self.max_series = max_series
         self.documents_bucket = f"{config.bucket}_documents"
         self.site = check_name(config.site, "site")
-        self._client = InfluxDBClient(config.url, token=read_token(config), org=config.org, timeout=TIMEOUT_MS)
+        if config.ca_file is not None and not config.ca_file.is_file():
+            raise StoreError(
+                f"store: ca_file {config.ca_file} is not there; give the certificate that signed the server's"
+            )
+        trusted = None if config.ca_file is None else str(config.ca_file)
+        self._client = InfluxDBClient(
+            config.url, token=read_token(config), org=config.org, timeout=TIMEOUT_MS, ssl_ca_cert=trusted
+        )
         self._writer = self._client.write_api(write_options=SYNCHRONOUS)
         self._query = self._client.query_api()
         self._held = threading.local()
@@ -108,6 +115,8 @@ class InfluxStore:
             yield
         except ApiException as problem:
             status, said = problem.status or 0, str(problem.message or problem.reason or problem)[:300]
+            if status == 0:  # no answer at all: a certificate that is not trusted, or has run out
+                raise StoreUnavailableError(f"{where} does not answer: {problem.reason}; check ca_file") from problem
             if status in (408, 429) or status >= 500:
                 raise StoreUnavailableError(f"{where} cannot just now ({status}): {said}") from problem
             remedy = {

@@ -86,6 +86,7 @@ class StoreConfig:
     path : SQLite: the database file; InfluxDB: folder of the spool
     url, org, bucket : of the InfluxDB server; documents go to ``<bucket>_documents``
     token_file, token_env : where the token is read from: a file, or an environment variable
+    ca_file : certificate (PEM) that signed the server's, where ``url`` is https and the system does not know it
     spool_max_bytes : how much may wait on disk while the server is away
     """
 
@@ -97,6 +98,7 @@ class StoreConfig:
     bucket: str = ""
     token_file: Path | None = None
     token_env: str = ""
+    ca_file: Path | None = None
     spool_max_bytes: int = 1_000_000_000
 
     @classmethod
@@ -109,7 +111,7 @@ class StoreConfig:
                 hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(known)}"
                 raise StoreError(f"store: unknown key {key!r}{hint}")
         values = dict(table)
-        for key in ("path", "token_file"):
+        for key in ("path", "token_file", "ca_file"):
             if values.get(key) is not None:
                 values[key] = Path(values[key])
         return cls(**values)

@@ -9,6 +9,7 @@ import itertools
 import os
 import shutil
 import socket
+import ssl
 import subprocess
 import time
 import urllib.error
@@ -42,10 +43,10 @@ def free_port() -> int:
 class Influxd:
     """A server that can be killed and started again on the same port and data."""
 
-    def __init__(self, binary: Path, folder: Path) -> None:
-        self.binary, self.folder = binary, folder
+    def __init__(self, binary: Path, folder: Path, tls: tuple[Path, Path] | None = None) -> None:
+        self.binary, self.folder, self.tls = binary, folder, tls  # certificate and key, signed by itself
         self.port = free_port()
-        self.url = f"http://127.0.0.1:{self.port}"
+        self.url = f"http{'s' if tls else ''}://127.0.0.1:{self.port}"
         self.admin_token = "test-admin-token"
         self.process: subprocess.Popen[bytes] | None = None
         folder.mkdir(parents=True, exist_ok=True)
@@ -57,12 +58,16 @@ class Influxd:
             f"--sqlite-path={self.folder}/sql",
         ]
         more = [f"--http-bind-address=127.0.0.1:{self.port}", "--reporting-disabled", "--log-level=error"]
+        trusted = None
+        if self.tls:
+            more += [f"--tls-cert={self.tls[0]}", f"--tls-key={self.tls[1]}"]
+            trusted = ssl.create_default_context(cafile=str(self.tls[0]))
         with (self.folder / "log").open("ab") as log:
             self.process = subprocess.Popen([self.binary, *paths, *more], stdout=log, stderr=log)
         deadline = time.monotonic() + 30
         while time.monotonic() < deadline:
             try:
-                with urllib.request.urlopen(f"{self.url}/health", timeout=1):
+                with urllib.request.urlopen(f"{self.url}/health", timeout=1, context=trusted):
                     return
             except (urllib.error.URLError, OSError):
                 time.sleep(0.05)
@@ -78,7 +83,8 @@ class Influxd:
 
     def set_up(self) -> None:
         """Onboard a server that was never used: the organisation and an administrator with a known token."""
-        with InfluxDBClient(self.url, token=self.admin_token) as client:
+        trusted = None if self.tls is None else str(self.tls[0])
+        with InfluxDBClient(self.url, token=self.admin_token, ssl_ca_cert=trusted) as client:
             request = OnboardingRequest("admin", "test-password", ORG, "first", token=self.admin_token)
             SetupService(client.api_client).post_setup(onboarding_request=request)
 

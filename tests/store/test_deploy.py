@@ -15,6 +15,8 @@ from ruamel.yaml import YAML
 
 from dashboards import settings
 from dashboards.provisioning import data_source
+from fdd.service import metrics
+from fdd.service.metrics import MetricsServer
 from fdd.store.store import StoreConfig
 from tests.store.influxd import find_influxd
 
@@ -95,6 +97,23 @@ def test_healthcheck_passes_only_while_the_journal_is_young(tmp_path: Path) -> N
     old = time.time() - 660
     os.utime(state, (old, old))
     assert not healthy()
+
+
+def test_healthcheck_asks_the_health_endpoint_where_there_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    def healthy(port: int) -> bool:
+        environment = {**os.environ, "FDD_HEALTH": f"http://127.0.0.1:{port}/health"}
+        return subprocess.run([DEPLOY / "healthcheck.sh"], env=environment, capture_output=True).returncode == 0
+
+    server = MetricsServer(("127.0.0.1", 0))
+    try:
+        assert healthy(server.address[1])
+        monkeypatch.setattr(metrics, "STALE_SECONDS", 0.0)
+        assert not healthy(server.address[1])
+    finally:
+        server.close()
+    assert not healthy(server.address[1])
+    site = YAML(typ="safe").load((DEPLOY / "site" / "site.example.yaml").read_text())
+    assert compose()["services"]["daemon"]["environment"] == {"FDD_HEALTH": f"http://{site['metrics']}/health"}
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="no systemd here")
