@@ -19,7 +19,7 @@ from fdd.greybox.trace import Expr, Level
 
 Method = Literal["exact", "rk4"]
 Hold = Literal["zero", "first"]
-FORMAT = 2  # raise when the meaning of the generated text changes
+FORMAT = 3  # raise when the meaning of the generated text changes
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,13 +68,14 @@ class Layout:
             for name in ("AD", "PH", "PH2", "QD"):
                 sizes |= {name: n * n, "T" + name: n * n * K}
         sizes |= {"PERSISTENT": 0, "DE": q * K, "DS": q * K, "DG": q * n * K, "G": q * n, "TXP": n * K}
+        sizes |= {"GRAD": K, "INFO": self.parameters * K, "HELD": 3 * q}
         if self.variant.method == "exact":
             for name in ("A", "Q", "X1", "X2", "Y1", "Y2"):
                 sizes |= {name: n * n, "T" + name: n * n * K}
             sizes |= {"C0": n, "TC0": n * K, "C1": n, "TC1": n * K, "M": n * n, "TM": n * n * K, "TN": nz * K}
             sizes |= {"LAST": (nz - n) * (1 + K)}
         else:
-            sizes |= {"TS": nz * K, "TK": nz * K, "TACC": nz * K}
+            sizes |= {"TS": nz * K, "TACC": nz * K}
         out, at = {}, 0
         for name, size in sizes.items():
             out[name] = at
@@ -172,7 +173,10 @@ class Generator:
         parts = [templates.HEADER, "\n".join(head), self.prepare()]
         if self.variant.method == "exact":
             parts.append(templates.discretise(tangents=self.K > 0))
-        parts.append(templates.update(tangents=self.K > 0))
+        else:
+            parts.append(templates.SUBSTEPS)
+        if self.K and self.freezes:
+            parts.append(templates.STEADY_TANGENTS)
         parts += [*functions, templates.loops(tangents=self.K > 0, freezes=self.freezes)]
         return "\n\n".join(parts) + "\n"
 
@@ -212,7 +216,7 @@ class Generator:
         for e in self.constants.extra:
             scope.lines.append(f"c[{self.constants.slots[e.index]}] = {scope(e)}")
         return "\n".join([
-            "@jit", "def prepare(p, c):",
+            "def prepare(p: array, c: array):",
             "    for i in range(NP):", "        c[i] = p[i]", *indent(scope.lines),
         ])  # fmt: skip
 
@@ -231,15 +235,16 @@ class Generator:
                         tail.append(f"w[T + {i * self.K + k}] = {body(d)}")
         lines = ["for i in range(STARTED):", "    w[i] = 0.0"]
         lines += [*top.lines, *middle.lines, *body.lines, *tail]
-        return "\n".join(["@jit", "def start(w, c, u, y):", *indent(lines)])
+        return "\n".join(["def start(w: array, c: array, u: array, y: array):", *indent(lines)])
 
     def predict(self) -> str:
         """From one sample to the next."""
+        head = "def predict(w: array, c: array, dt: float, u0: array, u1: array, n: float) -> float:"
         if self.variant.method == "rk4":
-            return "\n".join(["@jit", "def predict(w, c, dt, u0, u1, n):", *indent(self._predict_rk4())])
+            return "\n".join([head, *indent(self._predict_rk4())])
         return "\n".join([
-            "@jit", "def advance(w, c, dt, u0, u1):", *indent(self._advance()), "", "",
-            "@jit", "def predict(w, c, dt, u0, u1, n):", *indent(self._predict_exact()),
+            "def advance(w: array, c: array, dt: float, u0: array, u1: array):", *indent(self._advance()), "", "",
+            head, *indent(self._predict_exact()),
         ])  # fmt: skip
 
     # Runge-Kutta of order four on state and covariance jointly
@@ -263,19 +268,29 @@ class Generator:
                 if entries:
                     start += [f"t = {' + '.join(f'fabs({e})' for e in entries)}", "big = t if t > big else big"]
             start += ["small = big", "big = 0.0"] if sums is rows else ["small = big if big < small else small"]
-        return [*lines, *start, f"n = substeps(small * {dt})", "if n < 0:", "    return n"]
+        return [*lines, *start, f"n = substeps(small * {dt})", "if n < 0.0:", "    return n"]
 
     def _predict_rk4(self) -> list[str]:
         nz = self.nz
         first = self.variant.hold == "first"
         top, middle = self._scopes("u0")
         choose = (top if first else middle).inner(self._states("x") | (self._inputs("u0") if first else {}), "j")
-        auto = ["if n <= 0:", *indent(self._substeps(choose))]
+        auto = ["if n <= 0.0:", *indent(self._substeps(choose))]
         loop = self._stages_tangent(top, middle, first) if self.K else self._stages(top, middle, first)
         load = [f"x{i} = w[{i}]" for i in range(nz)]
         save = [f"w[{i}] = x{i}" for i in range(nz)]
         uses = [] if first else middle.lines
-        return [*top.lines, *uses, *load, *auto, "h = dt / n", "for sub in range(n):", *indent(loop), *save, "return n"]
+        return [
+            *top.lines,
+            *uses,
+            *load,
+            *auto,
+            "h = dt / n",
+            "for sub in range(int(n)):",
+            *indent(loop),
+            *save,
+            "return n",
+        ]
 
     def _stage_inputs(self, fraction: str) -> list[str]:
         return [f"f = (sub + {fraction}) / n"] + [
@@ -307,7 +322,8 @@ class Generator:
         scope = (top if first else middle).inner(self._states("s") | (inputs if first else {}), "v")
         F = self._moments()
         values = [scope(e) for e in F]
-        rows = self.tangent_rows(scope, F, [*self.s.x, *self.P], [at["TS"] + i * K for i in range(nz)], at["TK"])
+        rows = [f"{at['TS'] + i * K} + k" for i in range(nz)]
+        tangents = self.tangents(scope, F, [*self.s.x, *self.P], [f"r{i}" for i in range(nz)], "k_")
         stage = [
             "b = h / 6.0 if stage == 0 or stage == 3 else h / 3.0",
             "a = 0.5 * h if stage < 2 else h",
@@ -316,40 +332,44 @@ class Generator:
             stage += self._stage_inputs("(0.0 if stage == 0 else (1.0 if stage == 3 else 0.5))")
         stage += scope.lines
         stage += [f"k{i} = {v}" for i, v in enumerate(values)]
-        stage += rows
+        body = [f"r{i} = w[{row}]" for i, row in enumerate(rows)] + tangents
+        body += [f"w[{at['TACC'] + i * K} + k] += b * k_{i}" for i in range(nz)]
+        body += [f"w[{row}] = w[{at['T'] + i * K} + k] + a * k_{i}" for i, row in enumerate(rows)]
+        stage += [f"for k in range({K}):", *indent(body)]
         stage += [f"y{i} = y{i} + b * k{i}" for i in range(nz)] + [f"s{i} = x{i} + a * k{i}" for i in range(nz)]
-        stage += [
-            f"for k in range({nz * K}):",
-            f"    w[{at['TACC']} + k] += b * w[{at['TK']} + k]",
-            f"    w[{at['TS']} + k] = w[{at['T']} + k] + a * w[{at['TK']} + k]",
-        ]
         return [
-            f"for k in range({nz * K}):",
-            f"    w[{at['TS']} + k] = w[{at['T']} + k]",
-            f"    w[{at['TACC']} + k] = w[{at['T']} + k]",
+            f"for i in range({nz}):",
+            f"    for k in range({K}):",
+            f"        w[{at['TS']} + i * {K} + k] = w[{at['T']} + i * {K} + k]",
+            f"        w[{at['TACC']} + i * {K} + k] = w[{at['T']} + i * {K} + k]",
             *(f"s{i} = x{i}" for i in range(nz)),
             *(f"y{i} = x{i}" for i in range(nz)),
             "for stage in range(4):",
             *indent(stage),
             *(f"x{i} = y{i}" for i in range(nz)),
-            f"for k in range({nz * K}):",
-            f"    w[{at['T']} + k] = w[{at['TACC']} + k]",
+            f"for i in range({nz}):",
+            f"    for k in range({K}):",
+            f"        w[{at['T']} + i * {K} + k] = w[{at['TACC']} + i * {K} + k]",
         ]
 
-    def tangent_rows(self, scope: Scope, values: Sequence[Expr], by: Sequence[Expr], rows: Sequence[int], to: int,
-                     add: bool = False) -> list[str]:  # fmt: skip
-        """Rows d value = sum (d value / d by) d by + d value / d p, a loop each; coefficients go to the scope."""
-        g, K, lines = self.s.graph, self.K, []
+    def tangents(self, scope: Scope, values: Sequence[Expr], by: Sequence[Expr], rows: Sequence[str], to: str
+                 ) -> list[str]:  # fmt: skip
+        """Lines ``to``i = sum (d value / d by) row + d value / d p, for a loop over k; coefficients go to the scope."""
+        g, lines = self.s.graph, []
         for i, e in enumerate(values):
-            o = to + i * K
             pairs = [(g.diff(e, b), row) for b, row in zip(by, rows, strict=True)]
-            terms = [f"{scope(d)} * w[{row} + k]" for d, row in pairs if d is not g.zero]
-            if terms:
-                lines += [f"for k in range({K}):", f"    w[{o} + k] {'+=' if add else '='} {' + '.join(terms)}"]
-            elif not add:
-                lines += [f"for k in range({K}):", f"    w[{o} + k] = 0.0"]
-            lines += self._direct(scope, e, o)
+            terms = [f"{_wrap(scope(d))} * {row}" if d is not g.one else row for d, row in pairs if d is not g.zero]
+            lines.append(f"{to}{i} = {' + '.join([*terms, self._own(scope, e)])}")
         return lines
+
+    def _own(self, scope: Scope, e: Expr) -> str:
+        """d value / d p of parameter k."""
+        g, out = self.s.graph, "wide(0.0)"
+        for k, p in enumerate(self.s.p):
+            d = g.diff(e, p)
+            if d is not g.zero:
+                out = f"({scope(d)} if k == {k} else {out})"
+        return out
 
     def _direct(self, scope: Scope, e: Expr, o: int) -> list[str]:
         g = self.s.graph
@@ -364,7 +384,7 @@ class Generator:
         entries = [f"w[A + {i * n + j}] = {fresh(s.A[i][j])}" for i in range(n) for j in range(n)]
         entries += [f"w[Q + {i * n + i}] = {fresh(s.q[i])}" for i in range(n)]
         if K:
-            entries += [f"for k in range({n * n * K}):", "    w[TA + k] = 0.0", "    w[TQ + k] = 0.0"]
+            entries += [f"for i in range({n * n * K}):", "    w[TA + i] = 0.0", "    w[TQ + i] = 0.0"]
             for i in range(n):
                 for j in range(n):
                     entries += self._direct(fresh, s.A[i][j], at["TA"] + (i * n + j) * K)
@@ -374,7 +394,7 @@ class Generator:
         lines = [f"if {' or '.join(key)}:", *indent(refresh), "advance(w, c, dt, u0, u1)"]
         if K:
             lines += ["propagate_covariance_tangents(w)"]
-        return [*lines, *self._propagate_covariance(), "return 1"]
+        return [*lines, *self._propagate_covariance(), "return 1.0"]
 
     def _advance(self) -> list[str]:
         """The state alone, with its tangents; the covariance may have settled."""
@@ -389,7 +409,7 @@ class Generator:
             lines += [*after_top.lines, *after.lines, *drive]
             lines += [f"w[C1 + {i}] = (w[C1 + {i}] - w[C0 + {i}]) / dt" for i in range(n)]
             if K:
-                lines += [f"for k in range({n * K}):", "    w[TC1 + k] = (w[TC1 + k] - w[TC0 + k]) / dt"]
+                lines += [f"for i in range({n * K}):", "    w[TC1 + i] = (w[TC1 + i] - w[TC0 + i]) / dt"]
         if K:
             lines += ["propagate_state_tangents(w)"]
         return [*lines, *self._propagate_state()]
@@ -400,7 +420,7 @@ class Generator:
             return values
         base = self.at[f"TC{which}"]
         direct = [line for i, c in enumerate(self.s.c) for line in self._direct(scope, c, base + i * self.K)]
-        return [*values, f"for k in range({self.n * self.K}):", f"    w[{base} + k] = 0.0", *direct]
+        return [*values, f"for i in range({self.n * self.K}):", f"    w[{base} + i] = 0.0", *direct]
 
     def _propagate_state(self) -> list[str]:
         """x+ = Ad x + Ph c (+ Ph2 dc), unrolled."""
@@ -436,7 +456,7 @@ class Generator:
         if keep:
             head += [f"z{i} = x{i}" for i in range(n)]
             if self.K:
-                head += [f"for k in range({n * self.K}):", "    w[TXP + k] = w[T + k]"]
+                head += [f"for m in range({n * self.K}):", "    w[TXP + m] = w[T + m]"]
         top, middle = self._scopes("u")
         marginal = middle.inner(self._states("x"), "m")
         shown: list[str] = []
@@ -448,7 +468,7 @@ class Generator:
             body += [f"o[{2 * q + j}] = nan", f"o[{3 * q + j}] = nan", f"if y[{j}] == y[{j}]:", *indent(part)]
         save = [f"w[{i}] = x{i}" for i in range(self.nz)]
         lines = [*top.lines, *head, *middle.lines, *body, *save, "return status"]
-        return "\n".join(["@jit", "def update(w, c, u, y, o):", *indent(lines)])
+        return "\n".join(["def update(w: array, c: array, u: array, y: array, o: array) -> int:", *indent(lines)])
 
     def steady(self) -> str:
         """The update of a settled filter: gains and variances (and their tangents) are those of the last full one."""
@@ -460,15 +480,16 @@ class Generator:
             expected = scope(s.h[j])
             tangent: list[str] = []
             if K:
-                rows = [at["T"] + i * K for i in range(n)]
-                tangent = self.tangent_rows(scope, [-s.h[j]], s.x, rows, at["DE"] + j * K)
+                rows = [f"w[{at['T'] + i * K} + k]" for i in range(n)]
+                body = self.tangents(scope, [-s.h[j]], s.x, rows, "d")
+                tangent = [f"for k in range({K}):", *indent([*body, f"w[{at['DE'] + j * K} + k] = d0"])]
             lines += [*top.lines, *middle.lines, *scope.lines, f"e = y[{j}] - {_wrap(expected)}"]
             lines += [f"o[{2 * q + j}] = e", f"i = 1.0 / o[{3 * q + j}]", "ei = e * i", *tangent]
             if K:
                 where = f"{at['G'] + j * n}, {at['DG'] + j * n * K}, {at['DE'] + j * K}, {at['DS'] + j * K}"
-                lines.append(f"state_tangents(w, {where}, i, ei)")
+                lines.append(f"steady_tangents(w, {where}, i, ei)")
             lines += [f"w[{i}] += w[{at['G'] + j * n + i}] * ei" for i in range(n)]
-        return "\n".join(["@jit", "def steady(w, c, u, y, o):", *indent([*lines, "return 0"])])
+        return "\n".join(["def steady(w: array, c: array, u: array, y: array, o: array):", *indent(lines or ["pass"])])
 
     def _variance(self, H: Sequence[Expr], r: Expr) -> Expr:
         n = self.n
@@ -494,24 +515,36 @@ class Generator:
         lines += [f"s = {scope(variance)}", f"e = y[{j}] - {_wrap(scope(h))}"]
         tangent: list[str] = []
         if K:
-            by = [*s.x, *self.P, *(predicted if from_prediction else [])]
-            rows = [at["T"] + i * K for i in range(self.nz)]
-            rows += [at["TXP"] + i * K for i in range(n)] if from_prediction else []
-            tangent += self.tangent_rows(scope, [-h], by, rows, at["DE"] + j * K)
-            tangent += self.tangent_rows(scope, [variance], by, rows, at["DS"] + j * K)
-            tangent += self.tangent_rows(scope, gains, by, rows, at["DG"] + j * n * K)
+            tangent = self._tangent_update(j, scope, [-h, variance, *gains], predicted if from_prediction else [])
         lines = [*scope.lines, *lines]
         lines += ["if not (s > 0.0 and s < inf):", "    return 7"]
-        lines += [f"o[{2 * q + j}] = e", f"o[{3 * q + j}] = s", "i = 1.0 / s", "ei = e * i", *tangent]
-        lines += [f"w[{at['G'] + j * n + a}] = g{a}" for a in range(n)]
-        if K:
-            where = f"{at['G'] + j * n}, {at['DG'] + j * n * K}, {at['DE'] + j * K}, {at['DS'] + j * K}"
-            lines += [f"state_tangents(w, {where}, i, ei)", f"covariance_tangents(w, {where}, i)"]
+        lines += [f"o[{2 * q + j}] = e", f"o[{3 * q + j}] = s", "i = 1.0 / s", "ei = e * i"]
+        lines += [f"w[{at['G'] + j * n + a}] = g{a}" for a in range(n)] if self.freezes else []
+        lines += tangent
         lines += [f"x{i} = x{i} + g{i} * ei" for i in range(n)]
         for a in range(n):
             lines.append(f"gi = g{a} * i")
             lines += [f"x{n + self.pk(a, b)} = x{n + self.pk(a, b)} - gi * g{b}" for b in range(a, n)]
         return lines
+
+    def _tangent_update(self, j: int, scope: Scope, values: Sequence[Expr], predicted: Sequence[Expr]) -> list[str]:
+        """Tangents of x + g e / s and of P - g g' / s, a parameter at a time, all of them in registers."""
+        n, K, at = self.n, self.K, self.at
+        rows = [f"r{i}" for i in range(self.nz)] + [f"w[{at['TXP'] + i * K} + k]" for i in range(len(predicted))]
+        body = [f"r{i} = w[{at['T'] + i * K} + k]" for i in range(self.nz)]
+        body += self.tangents(scope, values, [*self.s.x, *self.P, *predicted], rows, "d")
+        body += [f"w[{at['DE'] + j * K} + k] = d0", f"w[{at['DS'] + j * K} + k] = d1"]
+        if self.freezes:
+            body += [f"w[{at['DG'] + (j * n + a) * K} + k] = d{a + 2}" for a in range(n)]
+        body += ["d1 = d1 * i"]
+        for a in range(n):
+            body += [f"w[{at['T'] + a * K} + k] = r{a} + ei * (d{a + 2} - g{a} * d1) + g{a} * i * d0"]
+        for a in range(n):
+            for b in range(a, n):
+                m = n + self.pk(a, b)
+                step = f"i * (g{a} * g{b} * d1 - g{b} * d{a + 2} - g{a} * d{b + 2})"
+                body.append(f"w[{at['T'] + m * K} + k] = r{m} + {step}")
+        return [f"for k in range({K}):", *indent(body)]
 
 
 def _wrap(name: str) -> str:

@@ -73,7 +73,7 @@ class FilterBank:
         self.model = model
         self.kernel: Kernel = kernel(model, hold=hold, tangents=score, plain=plain)
         values = np.array(parameters, dtype=np.float64, ndmin=2)
-        self.parameters = np.empty_like(values)
+        self.parameters, self._scale = np.empty_like(values), np.empty_like(values)
         self._c = self.kernel.constants(len(values))
         self._state = np.zeros((len(values), self.kernel.module.PERSISTENT))
         self._w = self.kernel.workspace()
@@ -98,6 +98,7 @@ class FilterBank:
                 f"{self.model.name}: parameter {names[k]} of component {rows[r]} is {values[r, k]}; give a number"
             )
         self.parameters[rows] = values
+        self._scale[rows] = chain(self.model, values)
         at = self.kernel.layout.offsets
         with np.errstate(all="ignore"):
             for row, value in zip(rows, values, strict=True):
@@ -128,12 +129,9 @@ class FilterBank:
         out, status = np.empty((n, 4 * q)), np.empty(n, dtype=np.int64)
         score, info = np.empty((n, n_p)), np.empty((n, n_p, n_p))
         with np.errstate(all="ignore"):
-            self.kernel.module.bank(dt, u, y, on, self._c, self._state, self._w, out, score, info, status)
-        if n_p:
-            scale = chain(self.model, self.parameters)
-            score *= scale
-            info *= scale[:, :, None]
-            info *= scale[:, None, :]
+            self.kernel.module.bank(
+                n, dt, u, y, on, self._c, self._state, self._w, out, int(self._score), self._scale, score, info, status
+            )
         predicted = out[:, :q]
         return Step(
             predicted=predicted,

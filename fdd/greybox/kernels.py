@@ -1,15 +1,12 @@
-"""Compiled kernels: generated text on disk, compiled by numba, found again by its hash.
+"""Compiled kernels: generated text, machine code on disk, found again by its hash.
 
 The cache folder is ``FDD_CACHE``, else ``XDG_CACHE_HOME/hvac-fdd``, else ``~/.cache/hvac-fdd``. The key is the hash of
-the generated text and of the versions it was compiled with, so that a stale kernel is never used.
+the generated text, of the versions it was compiled with and of the processor, so that a stale kernel is never used.
 """
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
 import os
-import sys
 import tempfile
 import types
 from dataclasses import dataclass
@@ -18,22 +15,23 @@ from typing import Any
 
 import numpy as np
 
-from fdd.greybox import codegen
+from fdd.greybox import codegen, native
 from fdd.greybox.codegen import Layout, Variant
 from fdd.greybox.equations import System, trace
 from fdd.models.declare import ComponentModel
 
-_COMPILED = """import numba
-from math import cos, exp, fabs, inf, log, nan, sin, sqrt, tanh
+_PLAIN = """from __future__ import annotations
+from numpy import cos, exp, fabs, floor, inf, log, nan, sin, sqrt, tanh
 
-jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+
+def wide(a):
+    return a
+
+
+def highest(a):
+    return a
 """
-_PLAIN = """from numpy import cos, exp, fabs, inf, log, nan, sin, sqrt, tanh
-
-
-def jit(function):
-    return function
-"""
+ENTRIES = ("prepare", "start", "predict", "update", "run", "bank")
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ class Kernel:
     variant: Variant
     layout: Layout
     module: Any
-    key: str
+    text: str
 
     def workspace(self) -> np.ndarray[Any, np.dtype[np.float64]]:
         """A fresh workspace."""
@@ -79,24 +77,16 @@ def kernel(
     if known is not None and known.system is system:
         return known
     text, layout = codegen.generate(system, variant)
-    key = _key(text)
-    module = _plain(text, key) if plain else _compiled(text, key)
+    module = _plain(text) if plain else native.module(text, ENTRIES, cache_folder())
     if len(_loaded) > 256:
         _loaded.clear()
-    _loaded[name] = made = Kernel(system, variant, layout, module, key)
+    _loaded[name] = made = Kernel(system, variant, layout, module, text)
     return made
 
 
 def _method(system: System, hold: codegen.Hold) -> codegen.Method:
     # An interpolated input inside A is no longer a constant matrix over the step.
     return "rk4" if hold == "first" and system.varying else method_of(system)
-
-
-def _key(text: str) -> str:
-    import numba
-
-    versions = f"{codegen.FORMAT} {numba.__version__} {np.__version__} {sys.version_info[:3]} {_COMPILED}"
-    return hashlib.sha256((versions + text).encode()).hexdigest()[:24]
 
 
 def cache_folder() -> Path:
@@ -113,25 +103,7 @@ def cache_folder() -> Path:
     return folder
 
 
-def _compiled(text: str, key: str) -> types.ModuleType:
-    name = f"fdd_kernel_{key}"
-    if name in sys.modules:
-        return sys.modules[name]
-    path = cache_folder() / f"{name}.py"
-    if not path.exists():
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, suffix=".tmp", delete=False) as file:
-            file.write(_COMPILED + "\n\n" + text)
-        Path(file.name).replace(path)
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-def _plain(text: str, key: str) -> types.ModuleType:
-    module = types.ModuleType(f"fdd_plain_{key}")
-    exec(compile(_PLAIN + "\n\n" + text, f"<kernel {key}>", "exec"), module.__dict__)
+def _plain(text: str) -> types.ModuleType:
+    module = types.ModuleType("fdd_plain_kernel")
+    exec(compile(_PLAIN + "\n\n" + text, "<kernel>", "exec"), module.__dict__)
     return module

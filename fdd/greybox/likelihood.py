@@ -214,7 +214,7 @@ class Likelihood:
         self.records = [data] if isinstance(data, Data) else list(data)
         self.warnings = [w for record in self.records for w in record.check(model)]
         self.method, self.plain, self.huber = method, plain, huber
-        self._nsub = [np.full(len(d.dt), substeps or 0, dtype=np.int64) for d in self.records]
+        self._nsub = [np.full(len(d.dt), float(substeps or 0)) for d in self.records]
         self._fixed_substeps = substeps is not None
 
     def kernels(self, tangents: bool) -> list[Kernel]:
@@ -241,17 +241,20 @@ class Likelihood:
         """NLL at natural parameters (n_p,); infinite where the filter fails."""
         return float(sum(self._run(i, values, False)[0] for i in range(len(self.records))))
 
-    def evaluate(self, values: FloatArray) -> Evaluation:
-        """NLL, gradient and Fisher information at natural parameters (n_p,), derivatives on the transform scale."""
+    def evaluate(self, values: FloatArray, information: bool = True) -> Evaluation:
+        """NLL, gradient and Fisher information at natural parameters (n_p,), derivatives on the transform scale.
+
+        Without ``information`` it is left zero, which saves its part of the time.
+        """
         k = len(values)
-        total, gradient, information = 0.0, np.zeros(k), np.zeros((k, k))
+        total, gradient, fisher = 0.0, np.zeros(k), np.zeros((k, k))
         for i in range(len(self.records)):
-            value, reason, g, info, _, _ = self._run(i, values, True)
+            value, reason, g, info, _, _ = self._run(i, values, True, want=information)
             if reason:
-                return Evaluation(math.inf, gradient, information, reason)
-            total, gradient, information = total + value, gradient + g, information + info
+                return Evaluation(math.inf, gradient, fisher, reason)
+            total, gradient, fisher = total + value, gradient + g, fisher + info
         scale = chain(self.model, values)
-        return Evaluation(total, gradient * scale, information * np.outer(scale, scale))
+        return Evaluation(total, gradient * scale, fisher * np.outer(scale, scale))
 
     def paths(self, values: FloatArray) -> list[FilterPath]:
         """What the filter saw in each record at natural parameters (n_p,)."""
@@ -266,20 +269,24 @@ class Likelihood:
         predicted, variance, e, s = (out[:, j * q : (j + 1) * q] for j in range(4))
         return FilterPath(predicted, variance, e, s, x, unpack(P, n), xf, unpack(Pf, n))
 
-    def _run(self, i: int, values: FloatArray, tangents: bool, keep: bool = False) -> tuple[Any, ...]:
+    def _run(
+        self, i: int, values: FloatArray, tangents: bool, keep: bool = False, want: bool = True
+    ) -> tuple[Any, ...]:
         d = self.records[i]
         k = kernel(self.model, method=self.method, hold=d.hold, tangents=tangents, plain=self.plain)
         n_p, q, nz = len(values), d.y.shape[1], k.layout.nz
         grad, info = np.zeros(n_p), np.zeros((n_p, n_p))
         out = np.empty((len(d), 4 * q))
         path = np.empty((len(d) if keep else 0, 2 * nz))
-        x0 = np.zeros(0) if d.x0 is None else np.asarray(d.x0, dtype=np.float64)
+        x0 = np.zeros(0) if d.x0 is None else np.ascontiguousarray(d.x0, dtype=np.float64)
         P0 = np.zeros(0) if d.P0 is None else np.asarray(d.P0, dtype=np.float64)[np.triu_indices(k.layout.n)].copy()
+        given, result = int(d.x0 is not None) + 2 * int(d.P0 is not None), np.zeros(2)
         with np.errstate(all="ignore"):
-            value, status, at = k.module.run(
-                d.dt, d.u, d.y, np.ascontiguousarray(values, dtype=np.float64), x0, P0,
-                k.constants(), k.workspace(), self._nsub[i], float(self.huber), out, path, grad, info,
+            status = k.module.run(
+                len(d), d.dt, d.u, d.y, np.ascontiguousarray(values, dtype=np.float64), given, x0, P0, k.constants(),
+                k.workspace(), self._nsub[i], float(self.huber), out, int(keep), path, int(want), grad, info, result,
             )  # fmt: skip
+        value, at = float(result[0]), int(result[1])
         reason = ""
         if status:
             where = f"row {at} (t = {d.t[at]:g})" if at < len(d) else "some row"

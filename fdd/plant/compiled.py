@@ -6,12 +6,16 @@ import hashlib
 import importlib.util
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import numba
+import numpy as np
 
+from fdd.greybox import native
 from fdd.greybox.kernels import Kernel, cache_folder
+from fdd.records import FloatArray, IntArray
 
 _HEADER = """import numba
 import numpy as np
@@ -20,14 +24,11 @@ from math import cos, exp, fabs, log, sin, sqrt, tanh
 jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 """
 
-_ADVANCE = '''from {kernel} import P, predict
-
-N = {states}
-PIECES = {pieces}
+# Written after the text of a kernel, in the language of its functions (fdd/greybox/machine.py).
+_ADVANCE = '''PIECES = {pieces}
 
 
-@jit
-def draw(w, L, z):
+def draw(w: array, L: array, z: array):
     """Add to the mean in w a normal with the packed covariance at w[P:]; a zero pivot draws nothing."""
     at = P
     for i in range(N):
@@ -35,35 +36,47 @@ def draw(w, L, z):
             t = w[at]
             at += 1
             for m in range(i):
-                t -= L[i, m] * L[j, m]
+                t -= L[i * N + m] * L[j * N + m]
             if i == j:
-                L[i, i] = sqrt(t) if t > 0.0 else 0.0
+                L[i * N + i] = sqrt(t) if t > 0.0 else 0.0
             else:
-                L[j, i] = t / L[i, i] if L[i, i] > 0.0 else 0.0
+                L[j * N + i] = t / L[i * N + i] if L[i * N + i] > 0.0 else 0.0
     for i in range(N):
         for m in range(i + 1):
-            w[i] += L[i, m] * z[m]
+            w[i] += L[i * N + m] * z[m]
 
 
-@jit
-def advance(x, s, inputs, first, constants, work, dt, z):
+def simulate(
+    n: int, x: array, s: array, inputs: indices[NU], first: integers, constants: rows[NC], work: rows[SIZE], dt: float,
+    z: rows[PIECES, N], L: array, u: array
+):
     """One step of all components of a kind: mean and covariance by the kernel, then a draw."""
-    L = np.empty((N, N))
-    for c in range(len(first)):
-        u = s[inputs[c]]
-        w = work[c]
-        w[:N] = x[first[c] : first[c] + N]
+    for c in range(n):
+        for i in range(NU):
+            u[i] = s[inputs[c, i]]
+        for i in range(N):
+            work[c, i] = x[first[c] + i]
         for piece in range(PIECES):
-            w[P : P + N * (N + 1) // 2] = 0.0
-            predict(w, constants[c], dt / PIECES, u, u, 0)
-            draw(w, L, z[c, piece])
-        x[first[c] : first[c] + N] = w[:N]
-'''
+            for i in range(N, NZ):
+                work[c, i] = 0.0
+            predict(work[c], constants[c], dt / PIECES, u, u, 0.0)
+            draw(work[c], L, z[c, piece])
+        for i in range(N):
+            x[first[c] + i] = work[c, i]'''
 
 
-def advance_module(kernel: Kernel, states: int, pieces: int) -> ModuleType:
-    """Module with ``advance`` for the components of one model."""
-    return compiled(_ADVANCE.format(kernel=kernel.module.__name__, states=states, pieces=pieces))
+def advance_function(kernel: Kernel, pieces: int) -> Callable[..., None]:
+    """``advance(x, s, inputs, first, constants, work, dt, z)`` for the components of one model."""
+    text = f"{kernel.text}\n\n{_ADVANCE.format(pieces=pieces)}\n"
+    made = native.module(text, ["simulate"], cache_folder()).simulate
+    n, inputs = kernel.layout.n, kernel.layout.inputs
+    L, u = np.zeros(n * n), np.zeros(inputs)
+
+    def advance(x: FloatArray, s: FloatArray, where: IntArray, first: IntArray, c: FloatArray, work: FloatArray,
+                dt: float, z: FloatArray) -> None:  # fmt: skip
+        made(len(first), x, s, where, first, c, work, dt, np.ascontiguousarray(z), L, u)
+
+    return advance
 
 
 def compiled(text: str) -> ModuleType:

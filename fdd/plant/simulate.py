@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from fdd.greybox.equations import trace
 from fdd.greybox.kernels import Kernel, kernel
 from fdd.models.declare import ComponentModel
-from fdd.plant.compiled import advance_module
+from fdd.plant.compiled import advance_function
 from fdd.plant.evaluate import Evaluator
 from fdd.plant.network import Component, Network, PlantError
 from fdd.records import FloatArray
@@ -78,7 +78,7 @@ class _Kind:
         self.first = np.array([at for at, _ in members], dtype=np.int64)
         self.states = len(model.states)
         self.symbols = [p.symbol for p in model.parameters]
-        self.advance = advance_module(self.kernel, self.states, self.pieces).advance
+        self.advance = advance_function(self.kernel, self.pieces)
         for i in range(n):
             self.prepare(i)
 
