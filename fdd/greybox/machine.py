@@ -25,7 +25,7 @@ _COMPARE = {ast.Lt: ("olt", "slt"), ast.LtE: ("ole", "sle"), ast.Gt: ("ogt", "sg
 WIDTHS = (8, 4, 2, 1)
 
 
-class UnsupportedText(ValueError):
+class UnsupportedTextError(ValueError):
     """Kernel text outside the part of Python that is understood; a fault of the generator, never of a user."""
 
 
@@ -47,7 +47,7 @@ class Signature:
 
 @dataclass(frozen=True)
 class Value:
-    """An operand: its type ("float", "int", "bool", an array) and its name; ``k`` counts the vector of a loop over k."""
+    """An operand: its type ("float", "int", "bool", an array), its name, and its length if it is a vector over k."""
 
     type: str | Array
     name: str
@@ -80,7 +80,7 @@ def read(text: str) -> Module:
 def _constant(node: ast.expr, known: dict[str, float | int]) -> float | int:
     value = fold(node, known)
     if value is None:
-        raise UnsupportedText(f"not a constant: {ast.unparse(node)}")
+        raise UnsupportedTextError(f"not a constant: {ast.unparse(node)}")
     return value
 
 
@@ -108,7 +108,7 @@ def _annotation(node: ast.expr | None, known: dict[str, float | int]) -> str | A
         sizes = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
         item = {"rows": "float", "indices": "int"}[node.value.id]
         return Array(item, tuple(int(_constant(s, known)) for s in sizes))
-    raise UnsupportedText("every argument needs a type")
+    raise UnsupportedTextError("every argument needs a type")
 
 
 def number(value: float) -> str:
@@ -139,28 +139,34 @@ class Writer:
 
     # Text
     def new(self) -> str:
+        """A fresh name."""
         self.count += 1
         return f"%t{self.count}"
 
     def emit(self, line: str) -> None:
+        """Write an instruction."""
         self.lines.append("  " + line)
 
     def value(self, line: str) -> str:
+        """Write an instruction and name its result."""
         name = self.new()
         self.lines.append(f"  {name} = {line}")
         return name
 
     def label(self, hint: str) -> str:
+        """A fresh label."""
         self.count += 1
         return f"{hint}{self.count}"
 
     def begin(self, label: str) -> None:
+        """Start a block, going on from the one before."""
         if not self.ended:
             self.emit(f"br label %{label}")
         self.lines.append(f"{label}:")
         self.ended = False
 
     def type(self, t: str | Array, wide: int = 0) -> str:
+        """LLVM's type, of a vector ``wide`` long or of a number."""
         if isinstance(t, Array):
             return "ptr"
         if wide:
@@ -173,6 +179,7 @@ class Writer:
 
     # The function
     def function(self) -> str:
+        """The whole function."""
         arguments = []
         for name, t in self.signature.arguments.items():
             arguments.append(f"ptr noalias %{name}" if isinstance(t, Array) else f"{self.type(t)} %{name}")
@@ -193,12 +200,14 @@ class Writer:
         return "zeroinitializer" if self.lanes > 1 and t in ("float", "bool") else number(0.0) if t == "float" else "0"
 
     def block(self, body: Iterable[ast.stmt]) -> None:
+        """Statements in order."""
         for s in body:
             if self.ended:
-                raise UnsupportedText(f"nothing is reached after a return: {ast.unparse(s)}")
+                raise UnsupportedTextError(f"nothing is reached after a return: {ast.unparse(s)}")
             self.statement(s)
 
     def statement(self, s: ast.stmt) -> None:
+        """One statement."""
         if isinstance(s, ast.Assign):
             self.assign(s.targets[0], self.expression(s.value))
         elif isinstance(s, ast.AugAssign):
@@ -222,16 +231,17 @@ class Writer:
             if isinstance(s.value, ast.Call):
                 self.expression(s.value)
         elif not isinstance(s, ast.Pass):
-            raise UnsupportedText(ast.unparse(s))
+            raise UnsupportedTextError(ast.unparse(s))
 
     def assign(self, target: ast.expr, value: Value) -> None:
+        """Store a value in a name or an array."""
         if isinstance(target, ast.Name):
             self._store_name(target.id, value)
             return
         assert isinstance(target, ast.Subscript)
         item, pointer, wide = self.address(target)
         if item == "flag":
-            raise UnsupportedText("flags are read only")
+            raise UnsupportedTextError("flags are read only")
         if wide:
             v = self.widen(self.cast(value, "float"), wide)
             self.emit(f"store {self.type('float', wide)} {v.name}, ptr {pointer}, align 8")
@@ -258,12 +268,13 @@ class Writer:
         self.emit(f"store {self.type(t)} {v.name}, ptr {place}, align 8")
 
     def branch(self, s: ast.If) -> None:
+        """An ``if``; one whose condition is a constant leaves nothing of itself."""
         known = self.truth(s.test)
         if known.name in ("true", "false"):
             self.block(s.body if known.name == "true" else s.orelse)
             return
         if self.lanes > 1 and known.type == "bool":
-            raise UnsupportedText(f"lanes cannot branch one by one: {ast.unparse(s.test)}")
+            raise UnsupportedTextError(f"lanes cannot branch one by one: {ast.unparse(s.test)}")
         yes, no, after = self.label("yes"), self.label("no"), self.label("after")
         self.emit(f"br i1 {known.name}, label %{yes}, label %{no if s.orelse else after}")
         self.ended = True
@@ -282,6 +293,7 @@ class Writer:
         self.ended = False
 
     def loop(self, s: ast.For) -> None:
+        """A ``for`` over a range."""
         assert isinstance(s.target, ast.Name)
         assert isinstance(s.iter, ast.Call)
         first, last = s.iter.args if len(s.iter.args) == 2 else [ast.Constant(0), s.iter.args[0]]
@@ -333,6 +345,7 @@ class Writer:
         self._count(name, Value("int", "0"), str(passes), [inner])
 
     def repeat(self, s: ast.While) -> None:
+        """A ``while``."""
         test, body, after = self.label("test"), self.label("body"), self.label("done")
         self.begin(test)
         self.emit(f"br i1 {self.truth(s.test).name}, label %{body}, label %{after}")
@@ -345,6 +358,7 @@ class Writer:
         self.begin(after)
 
     def leave(self, s: ast.Return) -> None:
+        """A ``return``."""
         t = self.signature.returns
         if s.value is None:
             self.emit("ret void")
@@ -354,6 +368,7 @@ class Writer:
 
     # Expressions
     def expression(self, e: ast.expr) -> Value:
+        """The value of an expression."""
         known = fold(e, self._constants())
         if known is not None:
             if isinstance(known, bool):
@@ -361,7 +376,7 @@ class Writer:
             return Value("int", str(known)) if isinstance(known, int) else self.splat(number(known))
         handler = getattr(self, f"_{type(e).__name__.lower()}", None)
         if handler is None:
-            raise UnsupportedText(ast.unparse(e))
+            raise UnsupportedTextError(ast.unparse(e))
         out: Value = handler(e)
         return out
 
@@ -371,6 +386,7 @@ class Writer:
         return self.module.constants
 
     def splat(self, scalar: str) -> Value:
+        """A number, for all lanes."""
         if self.lanes == 1:
             return Value("float", scalar)
         return Value("float", f"splat (double {scalar})")
@@ -385,7 +401,7 @@ class Writer:
             name = self.value(f"load {self.type('float', self.chunk[1])}, ptr {self.names[wide][1]}, align 8")  # type: ignore[index]
             return Value("float", name, self.chunk[1])  # type: ignore[index]
         if e.id not in self.names:
-            raise UnsupportedText(f"{e.id} is used before it is set in {self.node.name}")
+            raise UnsupportedTextError(f"{e.id} is used before it is set in {self.node.name}")
         t, place = self.names[e.id]
         if isinstance(t, Array):
             return Value(t, place)
@@ -557,6 +573,7 @@ class Writer:
 
     # Conversions
     def cast(self, v: Value, to: str | Array) -> Value:
+        """The value as another type."""
         if v.type == to or isinstance(to, Array):
             return v
         if to == "float" and v.type == "int":
@@ -571,7 +588,7 @@ class Writer:
                 return Value(to, v.name, v.wide)
             if to == "bool" and v.name in ("true", "false"):
                 return Value("bool", f"splat (i1 {v.name})")
-        raise UnsupportedText(f"{v.type} as {to} in {self.node.name}")
+        raise UnsupportedTextError(f"{v.type} as {to} in {self.node.name}")
 
     def _broadcast(self, scalar: str, size: int) -> str:
         if scalar.startswith("0x"):
@@ -582,11 +599,13 @@ class Writer:
         )
 
     def widen(self, v: Value, wide: int) -> Value:
+        """The value for every element of a vector over k."""
         if v.wide == wide:
             return v
         return Value("float", self._broadcast(v.name, wide), wide)
 
     def match(self, a: Value, b: Value) -> tuple[Value, Value]:
+        """Both as vectors where one is."""
         wide = max(a.wide, b.wide)
         return (self.widen(a, wide), self.widen(b, wide)) if wide else (a, b)
 

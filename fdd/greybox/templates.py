@@ -279,10 +279,10 @@ _ACCUMULATE = """gain = e * v * weight
                 HELD
                 accumulate(w, j, v, gain, q, frozen, want)"""
 
-# The part of the information from innovation variances is the same at every sample of a settled filter: it is added once
-# for all of them, when the filter wakes up or the record ends.
+# The part of the information from innovation variances is the same at every sample of a settled filter: it is added
+# once for all of them, when the filter wakes up or the record ends.
 _ACCUMULATORS = '''def accumulate(w: array, j: int, v: float, gain: float, q: float, frozen: int, want: int):
-    """Gradient and information of one scalar innovation; the information is symmetric, blocks below its diagonal wait."""
+    """Gradient and information of one scalar innovation."""
     for k in range(K):
         w[GRAD + k] += gain * w[DE + j * K + k]
     if not frozen:
