@@ -1,4 +1,4 @@
-"""Kernel text from traced equations: straight-line Python that numba compiles and plain Python runs as well.
+"""Kernel text from traced equations: straight-line Python that LLVM compiles and plain Python runs as well.
 
 One text holds, for one model: ``prepare`` (what depends on parameters only), ``start``, ``predict`` (covariance and, if
 wanted, tangents of state and covariance with respect to every parameter), ``update`` (sequential scalar updates on the

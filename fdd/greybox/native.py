@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 import functools
 import hashlib
-import os
 import tempfile
 import types
 from collections.abc import Callable, Iterator, Sequence
@@ -121,13 +120,10 @@ def compiled(text: str, prefix: str, entries: Sequence[str]) -> bytes:
     code.data_layout = str(machine_.target_data)
     code.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=LEVEL)
-    options.loop_vectorization, options.slp_vectorization = False, SLP
+    options.loop_vectorization, options.slp_vectorization = False, False
     builder = llvm.create_pass_builder(machine_, options)
     builder.getModulePassManager().run(code, builder)
     return bytes(machine_.emit_object(code))
-
-
-SLP = bool(int(os.environ.get("FDD_SLP", "0")))
 
 
 def _callable(name: str, address: int, signature: machine.Signature) -> Callable[..., Any]:
