@@ -301,19 +301,38 @@ def explain(site_file: SiteFile, key: Key, as_json: AsJson = False) -> None:
         out.print(story(site_file, alarm), highlight=False, markup=False, soft_wrap=True)
 
 
-@app.command(epilog=example("fdd report plant.yaml --out report.html", "fdd report plant.yaml --pdf report.pdf"))
+@app.command(
+    epilog=example(
+        "fdd report plant.yaml --out report.html --pdf report.pdf",
+        "fdd report plant.yaml --period monthly --findings findings.json --findings findings.csv",
+    )
+)
 def report(
     site_file: SiteFile,
     out_file: Annotated[Path, typer.Option("--out", help="Where the HTML goes.")] = Path("report.html"),
     pdf: Annotated[Path | None, typer.Option(help="Where a PDF goes.")] = None,
-    findings: Annotated[Path | None, typer.Option(help="Findings as .json or .csv.")] = None,
+    findings: Annotated[list[Path] | None, typer.Option(help="Findings as .json or .csv; may be repeated.")] = None,
+    period: Annotated[str, typer.Option(help="weekly or monthly, where --from is not given.")] = ("weekly"),
+    pages: Annotated[bool, typer.Option(help="A page KEY.html beside it for each alarm, for links.")] = True,
     since: Since = None,
     until: Until = None,
 ) -> None:
     """Write the technician's report from what the store holds."""
-    from fdd.service.reporting import report_site
+    from fdd.service.errors import UsageError
+    from fdd.service.reporting import PERIODS, report_site
 
-    written = report_site(site_file, out_file, pdf=pdf, findings=findings, since=since, until=until)
+    if period not in PERIODS:
+        raise UsageError(f"--period is {period!r}; give weekly or monthly")
+    written = report_site(
+        site_file,
+        out_file,
+        pdf=pdf,
+        findings=findings or (),
+        period=period,
+        pages=pages,
+        since=since,
+        until=until,
+    )
     for path in written:
         out.print(str(path), soft_wrap=True)
 

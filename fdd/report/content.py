@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fdd.records import Alarm, AlarmState, Baseline
 from fdd.report.chillers import MODEL as CHILLER
@@ -105,20 +105,39 @@ class Report:
         well = f"All well on {seen} monitored component{'s' * (seen > 1)}"
         return well + (f"; {blind} could not be monitored" if blind else "")
 
+    def only(self, f: Finding) -> Report:
+        """One finding of the report, with what to do about it."""
+        chillers = tuple(c for c in self.chillers if c.component == f.component)
+        return replace(
+            self,
+            actions=_actions((f,), ()),
+            findings=(f,),
+            consequences=(),
+            closed=(),
+            healthy=(),
+            unmonitored=(),
+            baselines=(),
+            budget=None,
+            counts=(),
+            chillers=chillers,
+        )
+
     @property
     def well(self) -> bool:
         """Whether there is no finding and everything was monitored."""
         return self.end is not None and not self.findings and not any(u.what == "everything" for u in self.unmonitored)
 
 
-def gather(store: Store, site: SiteInfo, start: int | None = None, end: int | None = None) -> Report:
+def gather(
+    store: Store, site: SiteInfo, start: int | None = None, end: int | None = None, period: int = PERIOD
+) -> Report:
     """Read all that a report says.
 
     Parameters
     ----------
     store : may be open read only
     site : names, units, zone and budget
-    start, end : period [ns]; by default the week up to the newest prediction
+    start, end : period [ns]; by default ``period`` up to the newest prediction, a week
 
     Raises
     ------
@@ -134,7 +153,7 @@ def gather(store: Store, site: SiteInfo, start: int | None = None, end: int | No
     if end is None:
         blind = [_never(name, info) for name, info in site.components.items()]
         return Report(site, None, None, (), (), (), (), (), tuple(blind), (), None, counts(store, 2**62))
-    start = end - PERIOD if start is None else start
+    start = end - period if start is None else start
     if start >= end:
         raise ReportError(f"the period begins at {start} and ends at {end} [ns]; give a start before the end")
     alarms = sorted((a for a in alarms if a.raised < end), key=order)

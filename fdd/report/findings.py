@@ -18,10 +18,10 @@ from fdd.report.words import (
     duration,
     in_words,
     inside,
+    likely,
     listed,
     local,
     names_in_words,
-    percent,
     quantity,
     sentence,
     split_chart,
@@ -258,7 +258,7 @@ def _certainty(
     if causes and np.isfinite(causes[0].likelihood):
         p = causes[0].likelihood
         word = "probable" if p >= 0.6 else "the likeliest, not certain" if p >= 0.35 else "one of several that fit"
-        lines.append(f"The first cause is {word}: {percent(p)} among the faults known for this equipment.")
+        lines.append(f"The first cause is {word}: {likely(p)} among the faults known for this equipment.")
     return tuple(lines)
 
 
@@ -335,10 +335,21 @@ def _cost(evidence: JsonObject, site: SiteInfo | None = None) -> tuple[float | N
         if table.get("basis"):
             detail.append(str(table["basis"]))
         return float(value), f"{float(value):.2f} {currency} a day", "; ".join(detail)
+    if isinstance(cost, Mapping):
+        return None, *_unpriced(cost)
     power = evidence.get("power_W")
     if power is not None:
         return None, f"{quantity(float(power), 'W')} of extra power", "no price is known"
     return None, "", ""
+
+
+def _unpriced(cost: Mapping[str, Any]) -> tuple[str, str]:
+    """Words and detail of a cost without a price: energy, lost comfort, or why nothing can be said."""
+    detail = "; ".join(str(cost[k]) for k in ("why", "basis") if cost.get(k))
+    energy = cost.get("kWh_per_day")
+    if cost.get("kind") == "comfort" and energy is not None:
+        return f"Comfort: {float(energy):.1f} kWh a day of heat missing", detail
+    return (f"{float(energy):.1f} kWh a day" if energy is not None else "Not in money"), detail
 
 
 def _entry(entry: JsonObject, component: str, info: ComponentInfo, site: SiteInfo) -> Entry:

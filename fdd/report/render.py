@@ -13,10 +13,10 @@ from fdd.report.export import findings_csv, findings_json
 from fdd.report.findings import timing
 from fdd.report.monitoring import ENOUGH
 from fdd.report.plots import Plot, alt, plots
-from fdd.report.words import duration, local, local_day, percent
+from fdd.report.words import duration, likely, local, local_day, percent
 from fdd.store.store import Store
 
-__all__ = ["findings_csv", "findings_json", "render_html", "write_pdf", "write_report"]
+__all__ = ["findings_csv", "findings_json", "render_html", "write_gathered", "write_pages", "write_pdf", "write_report"]
 
 MOST_ILLUSTRATED = 12
 """Findings with plots; the rest, less urgent, are in words only, so that a bad day's report stays small."""
@@ -26,20 +26,22 @@ def write_report(
     store: Store, site_info: SiteInfo, path: Path, start: int | None = None, end: int | None = None, *,
     pdf: Path | None = None,
 ) -> Path:  # fmt: skip
-    """Gather a report and write it as HTML, and as PDF where ``pdf`` names a file; returns the HTML's path.
+    """Gather a report and write it; see :func:`write_gathered`."""
+    return write_gathered(gather(store, site_info, start, end), path, pdf=pdf)
+
+
+def write_gathered(report: Report, path: Path, *, pdf: Path | None = None) -> Path:
+    """Write a report as HTML, and as PDF where ``pdf`` names a file; returns the HTML's path.
 
     Parameters
     ----------
-    store : may be open read only
-    site_info : names, units, zone and budget
+    report : what it says
     path : of the HTML file; its folder is made
-    start, end : period [ns]; by default the week up to the newest prediction
 
     Raises
     ------
-    ReportError : the period is empty, the time zone unknown, or PDF is asked for and cannot be made
+    ReportError : PDF is asked for and cannot be made
     """
-    report = gather(store, site_info, start, end)
     html = render_html(report)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(html, encoding="utf-8")
@@ -48,18 +50,20 @@ def write_report(
     return path
 
 
-def render_html(report: Report) -> str:
-    """The report as one self-contained HTML document."""
+def render_html(report: Report, *, single: bool = False) -> str:
+    """The report as one self-contained HTML document; ``single`` leaves out all but its findings."""
     site = report.site
     environment = Environment(
         loader=PackageLoader("fdd.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
     environment.filters["percent"] = percent
+    environment.filters["likely"] = likely
     environment.filters["capfirst"] = lambda text: text[:1].upper() + text[1:]
     assert environment.loader is not None
     css = environment.loader.get_source(environment, "style.css")[0]
     return environment.get_template("template.html.j2").render(
         report=report,
+        single=single,
         css=Markup(css),
         version=__version__,
         period=_period(report),
@@ -74,6 +78,17 @@ def render_html(report: Report) -> str:
         when=lambda t: local(t, site.tz),
         number=_number,
     )
+
+
+def write_pages(report: Report, folder: Path) -> list[Path]:
+    """A page for every alarm of the period, ``KEY.html``: where dashboards and alarm lists link to."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for f in (*report.findings, *report.consequences, *report.closed):
+        path = folder / f"{f.key.replace('/', '-')}.html"
+        path.write_text(render_html(report.only(f), single=True), encoding="utf-8")
+        written.append(path)
+    return written
 
 
 def _figures(report: Report) -> dict[str, list[Plot]]:

@@ -104,6 +104,11 @@ def _digits(x: float, sign: bool) -> str:
     return f"{x:{lead}.{min(decimals, 5)}f}"
 
 
+def likely(share: float) -> str:
+    """A likelihood as people read it: nothing that was weighed is impossible or certain."""
+    return "under 1 %" if share < 0.01 else "over 99 %" if share > 0.99 else percent(share)
+
+
 def percent(share: float) -> str:
     """A share as people read it."""
     return f"{100 * share:.0f} %"

@@ -12,17 +12,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.diagnosis.cost import daily_cost
+from fdd.diagnosis.departure import Departure
 from fdd.diagnosis.ranking import diagnose
-from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, FloatArray, JsonObject, Rows, concatenate
+from fdd.records import NANOSECONDS, Alarm, AlarmState, Baseline, Batch, FloatArray, JsonObject, Rows, concatenate
 from fdd.service.alarms import AlarmBook, Command, Ring
 from fdd.service.charting import Charts, ChartStep
 from fdd.service.chillers import ChillerDay, Chillers
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.framing import Framer, Frames
 from fdd.service.plan import Chiller, Component, Plan
+from fdd.service.recent import Recent
 
-SCHEMA = 4
+SCHEMA = 5
 DAY = 86400 * NANOSECONDS
+REMEMBERED = 9 * DAY  # how long after its onset an alarm is diagnosed anew every day
 _NONE = np.empty(0)  # what a site without filters concatenates
 
 
@@ -49,6 +53,7 @@ class Engine:
         self._groups = _group(plan, baselines)
         self._charts = Charts(plan, self._groups)
         self._chillers = Chillers(plan, baselines)
+        self._recent = Recent(self._groups, plan.columns)
         reads = {c.name: frozenset(c.inputs) for c in plan.components}
         reads |= {c.name: frozenset(c.inputs.values()) for c in plan.chillers}
         self.alarms = AlarmBook(reads, {c.name: c.upstream for c in plan.watched})
@@ -115,6 +120,7 @@ class Engine:
             self._chillers.reset(component)
         else:
             self._charts.reset(component)
+            self._recent.forget(component)
 
     @property
     def versions(self) -> dict[str, int]:
@@ -139,11 +145,18 @@ class Engine:
                     "fit it anew"
                 )
         self._baselines |= baselines
-        self._charts.rebase({name for g in self._groups for name in g.rebase(baselines)})
+        rebased = {name for g in self._groups for name in g.rebase(baselines)}
+        self._charts.rebase(rebased)
+        for name in rebased:
+            self._recent.forget(name)
         if any(name in self._chillers for name in baselines):
             state = self._chillers.export_state()
             self._chillers = Chillers(self.plan, self._baselines)
             self._chillers.restore_state(state)
+
+    def departure(self, component: str, since: int, until: int) -> Departure:
+        """How a component has departed from its baseline since an onset, both in ns; ten days are remembered."""
+        return self._recent.departure(component, since, until)
 
     def _run(self, frames: Frames) -> Outputs:
         if len(frames) == 0:
@@ -155,6 +168,7 @@ class Engine:
         alarms: list[Alarm] = []
         for time, row in zip(frames.time.tolist(), values, strict=True):
             group_steps = [g.step(time, row) for g in self._groups]
+            self._recent.update(time, row, group_steps)
             chart_step = self._charts.update(group_steps)
             closed = self._chillers.step(time, row)
             alarms += self._alarm(time, chart_step, closed)
@@ -163,6 +177,7 @@ class Engine:
             charted.append(chart_step)
             if self._time is not None and time // DAY > self._time // DAY:
                 days.append(self._parameter_rows(time))
+                alarms += self._revisited(time)
             self._time = time
         rows = [
             self._sample_rows(frames, values),
@@ -202,13 +217,26 @@ class Engine:
             return self._chillers.is_normal(component)
         return self._charts.is_normal(component, step)
 
+    def _revisited(self, time: int) -> list[Alarm]:
+        """Once a day: what the days since the onset say of alarms that stand, while their onset is remembered."""
+        return [
+            self._diagnosed(replace(a, updated=time))
+            for a in self.alarms.open
+            if a.state is not AlarmState.RETURNED and a.component in self._components and time - a.since < REMEMBERED
+        ]
+
     def _diagnosed(self, alarm: Alarm) -> Alarm:
         if alarm.component in self._chillers:
             alarm = self._chillers.explain(alarm)
         else:
-            finding = diagnose(self._components[alarm.component].model, alarm)
+            model = self._components[alarm.component].model
+            departure = self._recent.departure(alarm.component, alarm.since, alarm.updated)
+            finding = diagnose(model, alarm)
+            operation = self._recent.operation(alarm.component, alarm.updated)
+            cost = daily_cost(model, departure, operation, finding.causes, self.plan.tariffs)
             alarm = replace(
                 alarm,
+                evidence={**alarm.evidence, "departure": departure.document(), "cost_per_day": cost},
                 summary=finding.summary,
                 severity=finding.severity,
                 causes=finding.causes,
@@ -272,6 +300,7 @@ class Engine:
             "groups": [g.export_state() for g in self._groups],
             "charts": self._charts.export_state(),
             "chillers": self._chillers.export_state(),
+            "recent": self._recent.export_state(),
             "alarms": self.alarms.export_state(),
         }
 
@@ -299,6 +328,7 @@ class Engine:
         for group, saved_group in zip(self._groups, state["groups"], strict=True):
             group.restore_state(saved_group)
         self._charts.restore_state(state["charts"])
+        self._recent.restore_state(state["recent"])
         self._chillers.restore_state(state["chillers"])
         self.alarms.restore_state(state["alarms"])
 

@@ -6,7 +6,7 @@ Everything that can be wrong in a site is found here, before the first sample.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -78,6 +78,7 @@ class Plan:
     derived: tuple[Derived, ...]
     components: tuple[Component, ...]
     chillers: tuple[Chiller, ...] = ()
+    tariffs: Mapping[str, float | str | None] = field(default_factory=dict)
 
     @property
     def watched(self) -> tuple[Component | Chiller, ...]:
@@ -138,6 +139,7 @@ def plan_of(site: Site) -> Plan:
         derived=tuple(derived),
         components=tuple(components),
         chillers=tuple(chillers),
+        tariffs=site.tariffs.model_dump(),
     )
 
 

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 from fdd.config import Site
 from fdd.report.content import gather
-from fdd.report.render import findings_csv, findings_json, write_report
+from fdd.report.render import findings_csv, findings_json, write_gathered, write_pages
 from fdd.report.site import ComponentInfo, OutputInfo, ParameterInfo, SiteInfo
+from fdd.report.words import DAY
 from fdd.service.errors import UsageError
 from fdd.service.opened import Opened, open_site
 from fdd.service.plan import Chiller, Component
+
+Period = Literal["weekly", "monthly"]
+PERIODS: dict[Period, int] = {"weekly": 7 * DAY, "monthly": 30 * DAY}
+WRITERS = {".json": findings_json, ".csv": findings_csv}
 
 
 def site_info(opened: Opened) -> SiteInfo:
@@ -65,33 +72,32 @@ def report_site(
     out: Path,
     *,
     pdf: Path | None = None,
-    findings: Path | None = None,
+    findings: Sequence[Path] = (),
+    period: Period = "weekly",
+    pages: bool = True,
     since: str | None = None,
     until: str | None = None,
 ) -> list[Path]:
-    """Write the report from the store; returns every file that was written.
+    """Write the report from the store, and a page ``KEY.html`` beside it for every alarm of the period.
+
+    Returns every file that was written, the report first.
 
     Raises
     ------
     UsageError : findings are asked for in a form that is not known
     """
+    for path in findings:
+        if path.suffix not in WRITERS:
+            raise UsageError(f"findings cannot be written as {path.suffix!r} ({path}); name a .json or a .csv file")
     opened = open_site(site_file)
     info = site_info(opened)
-    start, end = opened.nanoseconds(since), opened.nanoseconds(until)
     store = opened.store(read_only=True)
     try:
-        written = [write_report(store, info, out, start, end, pdf=pdf)]
-        if findings:
-            report = gather(store, info, start, end)
-            match findings.suffix:
-                case ".json":
-                    text = findings_json(report)
-                case ".csv":
-                    text = findings_csv(report)
-                case other:
-                    raise UsageError(f"findings cannot be written as {other!r}; name a .json or a .csv file")
-            findings.write_text(text, encoding="utf-8")
-            written.append(findings)
+        report = gather(store, info, opened.nanoseconds(since), opened.nanoseconds(until), PERIODS[period])
     finally:
         store.close()
-    return [*written, *([pdf] if pdf else [])]
+    written = [write_gathered(report, out, pdf=pdf), *([pdf] if pdf else [])]
+    for path in findings:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(WRITERS[path.suffix](report), encoding="utf-8")
+    return [*written, *findings, *(write_pages(report, out.parent) if pages else [])]

@@ -395,3 +395,24 @@ def test_month_of_twenty_components_takes_seconds(tmp_path: Path) -> None:
     begin = time.process_time()
     write_report(store, info, tmp_path / "r.html", start=plant.END - 30 * plant.DAY)
     assert time.process_time() - begin < 5.0
+
+
+def test_every_alarm_has_a_page_that_its_key_names(tmp_path: Path) -> None:
+    from fdd.report.render import write_pages
+
+    with SqliteStore(tmp_path / "fdd.sqlite") as store:
+        info = site()
+        fill(store, info, days=10, faults={"substation-hx": {"T_hot_out": 1.0}})
+        document = alarm("substation-hx", {"T_hot_out": 1})
+        store.put("alarm", document["key"], document)
+        written = write_pages(gather(store, info, END - 7 * DAY, END), tmp_path / "reports")
+    assert [p.name for p in written] == ["substation-hx@2025-11-11T09:45:00Z.html"]
+    text = written[0].read_text(encoding="utf-8")
+    assert "Heat exchanger, substation" in text
+    assert "Healthy equipment" not in text
+
+
+def test_no_likelihood_reads_as_impossible_or_certain() -> None:
+    from fdd.report.words import likely
+
+    assert [likely(x) for x in (0.0, 0.004, 0.01, 0.5, 0.999)] == ["under 1 %", "under 1 %", "1 %", "50 %", "over 99 %"]

@@ -1,0 +1,266 @@
+"""What a fault costs a day: from the change of a physical parameter, over yesterday's hours, to energy and money.
+
+A cost is told with its 95 % interval, which follows from the error of the parameter's change alone, and with the
+assumption it rests on. Where no energy is lost it is told as comfort; where nothing can be said, why.
+
+Heat exchangers by effectiveness and transfer units in counterflow (Incropera et al. 2007, ch. 11); a radiator is one
+with a single fluid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdd.diagnosis.departure import Departure, Operation
+from fdd.models.declare import ComponentModel, Parameter
+from fdd.records import FloatArray, JsonObject
+from fdd.residual_monitors.information import change
+
+CP = 4186.0  # water [J/(kg K)]
+HOURS = 24.0
+OUTSIDE = 15.0
+"""How much colder than the room what it loses heat to is taken to be, where nobody measures it [K]."""
+
+Tariffs = Mapping[str, float | str | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What a cost is computed from: yesterday's hourly means by symbol, and the parameters' changes with errors."""
+
+    model: ComponentModel
+    hours: Mapping[str, FloatArray]
+    value: Mapping[str, float]
+    change: Mapping[str, float]
+    error: Mapping[str, float]
+
+    def at(self, symbol: str, errors: float) -> float:
+        """A parameter's value now, so many standard errors from the estimate."""
+        p = next(q for q in self.model.parameters if q.symbol == symbol)
+        return natural(p, self.value[symbol], self.change[symbol] + errors * self.error[symbol])
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """Energy a day [kWh] at the estimate and at both ends of its interval; what it is, and what it rests on."""
+
+    energy: tuple[float, float, float]
+    carrier: str
+    basis: str
+    comfort: bool = False
+    degree_hours: float | None = None
+
+
+def natural(parameter: Parameter, value: float, change: float) -> float:
+    """A parameter's value after a change on its estimation scale."""
+    match parameter.transform:
+        case "log":
+            return float(value * np.exp(np.clip(change, -5.0, 5.0)))
+        case "logit":
+            low, high = parameter.lower, parameter.upper
+            odds = np.log((value - low) / (high - value)) + change
+            return float(low + (high - low) / (1.0 + np.exp(-odds)))
+        case _:
+            return value + change
+
+
+def daily_cost(
+    model: ComponentModel, departure: Departure, operation: Operation, causes: tuple[JsonObject, ...], tariffs: Tariffs
+) -> JsonObject:
+    """The alarm's ``cost_per_day``.
+
+    Returns
+    -------
+    ``value``, ``lower``, ``upper`` [currency a day] or None, ``currency``, ``kWh_per_day``, ``degree_hours_per_day``,
+    ``kind`` (energy, comfort, none), ``basis`` (the assumption) and ``why`` (where there is no value) in words
+    """
+    nothing = _told(tariffs)
+    if causes and causes[0].get("kind") in ("sensor", "upstream"):
+        why = "a wrong reading costs nothing by itself; what is controlled or billed by it is off by as much"
+        return nothing | {"why": why}
+    rule = RULES.get(model.name)
+    if rule is None:
+        return nothing | {"why": f"what a {model.title.lower()} loses cannot be told from what is measured on it"}
+    case = _case(model, departure, operation)
+    loss = rule(case) if case is not None else None
+    if loss is None:
+        return nothing | {"why": "what is measured does not say how much energy goes with the change"}
+    return _priced(loss, tariffs)
+
+
+def _told(tariffs: Tariffs) -> JsonObject:
+    empty = dict.fromkeys(("value", "lower", "upper", "kWh_per_day", "degree_hours_per_day"))
+    return {**empty, "currency": str(tariffs.get("currency") or "EUR"), "kind": "none", "basis": "", "why": ""}
+
+
+def _case(model: ComponentModel, d: Departure, operation: Operation) -> Case | None:
+    if not len(operation):
+        return None
+    found = change(d.score, d.information, d.baseline, d.spread)
+    apart = np.isfinite(found.joint_error)
+    size = np.where(apart, found.joint, found.single)
+    error = np.where(apart, found.joint_error, found.single_error)
+    seen = [(s, float(v), float(c), float(e)) for s, v, c, e in zip(d.symbols, d.values, size, error, strict=True)]
+    told = [row for row in seen if np.isfinite(row[2]) and np.isfinite(row[3])]
+    return Case(
+        model,
+        operation.hours,
+        {s: v for s, v, _, _ in told},
+        {s: c for s, _, c, _ in told},
+        {s: e for s, _, _, e in told},
+    )
+
+
+def _priced(loss: Loss, tariffs: Tariffs) -> JsonObject:
+    best, *ends = loss.energy
+    told = _told(tariffs) | {
+        "kWh_per_day": best,
+        "kind": "comfort" if loss.comfort else "energy",
+        "degree_hours_per_day": loss.degree_hours,
+        "basis": loss.basis,
+    }
+    price = tariffs.get(loss.carrier)
+    if loss.comfort:
+        return told | {"why": "no energy is lost; it is missing where it is wanted"}
+    if not isinstance(price, int | float):
+        return told | {"why": f"no price is known: give tariffs: {loss.carrier} (per kWh) in the site file"}
+    return told | {"value": best * price, "lower": min(ends) * price, "upper": max(ends) * price}
+
+
+def _interval(energy: Callable[[float], float]) -> tuple[float, float, float]:
+    return energy(0.0), energy(-1.96), energy(1.96)
+
+
+def _exchanger(case: Case) -> Loss | None:
+    """Heat that the clean exchanger would pass at the same flows and inlet temperatures."""
+    films = [s for s in ("U", "C", "C_hot", "C_cold", "K_hot", "K_cold") if s in case.change]
+    h = case.hours
+    if not films:
+        return None
+    low = CP * np.minimum(h["m_flow_hot"], h["m_flow_cold"])
+    ratio = np.minimum(h["m_flow_hot"], h["m_flow_cold"]) / np.maximum(
+        np.maximum(h["m_flow_hot"], h["m_flow_cold"]), 1e-9
+    )
+    drive = h["T_hot_in"] - h["T_cold_in"]
+    heat = CP * h["m_flow_cold"] * (h["T_cold_out"] - h["T_cold_in"])
+    works = (low > 0) & (drive > 1.0) & (heat > 0)
+    if not works.any():
+        return None
+    low, ratio, drive, heat = (a[works] for a in (low, ratio, drive, heat))
+    units = _units(np.clip(heat / (low * drive), 0.01, 0.99), ratio)
+
+    def missing(errors: float) -> float:
+        share = float(np.mean([case.at(s, errors) / case.value[s] for s in films]))
+        clean = low * drive * _effectiveness(units / share, ratio)
+        return float(np.sum(clean - heat)) / 1000.0 * HOURS / len(works)
+
+    return Loss(_interval(missing), "heat", "heat that a clean exchanger would pass at yesterday's flows and inlet "
+                "temperatures, priced as if it were bought elsewhere")  # fmt: skip
+
+
+def _units(effectiveness: FloatArray, ratio: FloatArray) -> FloatArray:
+    c = np.minimum(ratio, 0.999)
+    return np.asarray(np.log((1.0 - effectiveness * c) / (1.0 - effectiveness)) / (1.0 - c))
+
+
+def _effectiveness(units: FloatArray, ratio: FloatArray) -> FloatArray:
+    c = np.minimum(ratio, 0.999)
+    grown = np.exp(-units * (1.0 - c))
+    return np.asarray((1.0 - grown) / (1.0 - c * grown))
+
+
+def _radiator(case: Case) -> Loss | None:
+    """Heat that the radiator would give off as it was, at the same flow and supply temperature."""
+    h = case.hours
+    if "H" not in case.change:
+        return None
+    drive, drop = h["T_supply"] - h["T_room"], h["T_supply"] - h["T_return"]
+    works = (h["m_flow"] > 0) & (drive > 1.0) & (drop > 0.1)
+    if not works.any():
+        return None
+    flow, drive, drop = CP * h["m_flow"][works], drive[works], drop[works]
+    units = -np.log(1.0 - np.clip(drop / drive, 0.01, 0.99))
+
+    def missing(errors: float) -> float:
+        share = case.at("H", errors) / case.value["H"]
+        before = flow * drive * (1.0 - np.exp(-units / share))
+        return float(np.sum(before - flow * drop)) / 1000.0 * HOURS / len(works)
+
+    found = _interval(missing)
+    given = float(np.sum(flow * drop)) / 1000.0 * HOURS / len(works)
+    colder = OUTSIDE * found[0] / max(given + found[0], 1e-9)
+    words = (
+        f"the room gets {found[0]:.1f} kWh a day less heat at yesterday's flow and supply temperature; where its valve "
+        f"cannot open further it becomes about {abs(colder):.1f} K {'colder' if colder > 0 else 'warmer'} "
+        f"(taking {OUTSIDE:.0f} K between room and outdoors)"
+    )
+    return Loss(found, "heat", words, comfort=True, degree_hours=HOURS * colder)
+
+
+def _building(case: Case) -> Loss | None:
+    """Heat that leaves through what the envelope has become, above what left through it before."""
+    lost = [s for s in case.change if s.startswith("B_out_") and f"T_{s.removeprefix('B_out_')}" in case.hours]
+    if not lost:
+        return None
+
+    def extra(errors: float) -> float:
+        return sum(
+            (case.at(s, errors) - case.value[s])
+            * float(np.mean(case.hours[f"T_{s.removeprefix('B_out_')}"] - case.hours["T_out"]))
+            for s in lost
+        ) / 1000.0 * HOURS  # fmt: skip
+
+    return Loss(_interval(extra), "heat", "heat that leaves beyond the healthy envelope's at yesterday's temperatures")
+
+
+def _zone(case: Case) -> Loss | None:
+    series = [s for s in ("R_ia", "R_ie", "R_ea") if s in case.value]
+    if not series or not any(s in case.change for s in series):
+        return None
+    drive = float(np.mean(case.hours["T_in"] - case.hours["T_out"]))
+    healthy = 1.0 / sum(case.value[s] for s in series)
+
+    def extra(errors: float) -> float:
+        # A larger resistance loses less, so that the ends of the interval change places.
+        return (1.0 / sum(case.at(s, -errors) for s in series) - healthy) * drive / 1000.0 * HOURS
+
+    return Loss(_interval(extra), "heat", "heat that leaves beyond the healthy envelope's at yesterday's temperatures")
+
+
+def _pipe(case: Case) -> Loss | None:
+    if "UA" not in case.change:
+        return None
+    h = case.hours
+    drive = float(np.mean(0.5 * (h["T_in"] + h["T_out"]) - h["T_around"]))
+
+    def extra(errors: float) -> float:
+        return (case.at("UA", errors) - case.value["UA"]) * drive / 1000.0 * HOURS
+
+    return Loss(_interval(extra), "heat", "heat lost on the way beyond the healthy pipe's at yesterday's temperatures")
+
+
+def _pump(case: Case) -> Loss | None:
+    if "eta" not in case.change:
+        return None
+    power = float(np.mean(case.hours["P_el"]))
+
+    def extra(errors: float) -> float:
+        return power * (1.0 - case.at("eta", errors) / case.value["eta"]) / 1000.0 * HOURS
+
+    return Loss(
+        _interval(extra), "electricity", "electricity beyond what the healthy pump would take for the same work"
+    )
+
+
+RULES: Mapping[str, Callable[[Case], Loss | None]] = {
+    "heat_exchanger": _exchanger,
+    "radiator": _radiator,
+    "building": _building,
+    "zone": _zone,
+    "pipe_thermal": _pipe,
+    "pump": _pump,
+}
+"""How a model's loss is computed, by its name in the registry."""
