@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fdd.diagnosis.cost import CP, daily_cost
+from fdd.diagnosis.cost import CP, Tariffs, daily_cost
 from fdd.diagnosis.departure import Departure, Operation
 from fdd.models.declare import ComponentModel
 from fdd.models.registry import get_model
 
-TARIFFS = {"currency": "EUR", "heat": 0.1, "electricity": 0.3}
+TARIFFS: Tariffs = {"currency": "EUR", "heat": 0.1, "electricity": 0.3}
 
 
 def moved(model: ComponentModel, symbol: str, change: float, error: float) -> Departure:

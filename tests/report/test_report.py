@@ -400,12 +400,13 @@ def test_month_of_twenty_components_takes_seconds(tmp_path: Path) -> None:
 def test_every_alarm_has_a_page_that_its_key_names(tmp_path: Path) -> None:
     from fdd.report.render import write_pages
 
-    with SqliteStore(tmp_path / "fdd.sqlite") as store:
-        info = site()
-        fill(store, info, days=10, faults={"substation-hx": {"T_hot_out": 1.0}})
-        document = alarm("substation-hx", {"T_hot_out": 1})
-        store.put("alarm", document["key"], document)
-        written = write_pages(gather(store, info, END - 7 * DAY, END), tmp_path / "reports")
+    store = SqliteStore(tmp_path / "fdd.sqlite")
+    info = plant.site()
+    plant.fill(store, info, days=10, faults={"substation-hx": {"T_hot_out": 1.0}})
+    document = plant.alarm("substation-hx", {"T_hot_out": 1})
+    store.put("alarm", document["key"], document)
+    written = write_pages(gather(store, info, plant.END - 7 * plant.DAY, plant.END), tmp_path / "reports")
+    store.close()
     assert [p.name for p in written] == ["substation-hx@2025-11-11T09:45:00Z.html"]
     text = written[0].read_text(encoding="utf-8")
     assert "Heat exchanger, substation" in text
