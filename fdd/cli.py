@@ -52,12 +52,16 @@ def demo(
     seed: Annotated[int, typer.Option(help="Seed of weather, noise and faults.")] = 1,
     weeks: Annotated[int, typer.Option(help="Weeks of plant time that are watched, after three of learning.")] = 4,
     folder: Annotated[Path, typer.Option(help="Where the site file, the store and the report go.")] = Path("var/demo"),
+    store_kind: Annotated[
+        str,
+        typer.Option("--store", help="sqlite, or influx: FDD_INFLUX_URL, _ORG, _BUCKET and _TOKEN say where."),
+    ] = "sqlite",
     as_json: AsJson = False,
 ) -> None:
     """Simulate a plant with a fault, stream it over Zenoh into the daemon, raise the alarm, write the report."""
     from fdd.service.demo import run_demo
 
-    result = run_demo(fault=fault, seed=seed, weeks=weeks, folder=folder, console=screen)
+    result = run_demo(fault=fault, seed=seed, weeks=weeks, folder=folder, console=screen, store_kind=store_kind)
     if as_json:
         _print_json(result.document())
         return

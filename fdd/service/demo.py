@@ -6,6 +6,7 @@ that knows only the site file, and the samples reach it over the network.
 
 from __future__ import annotations
 
+import os
 import socket
 import subprocess
 import sys
@@ -155,7 +156,12 @@ def scenario_of(fault: str, seed: int, weeks: int) -> tuple[Scenario, PlantFault
 
 
 def prepare(
-    scenario: Scenario, folder: Path, progress: Progress | None = None, *, learning_days: float = LEARNING_WEEKS * 7
+    scenario: Scenario,
+    folder: Path,
+    progress: Progress | None = None,
+    *,
+    learning_days: float = LEARNING_WEEKS * 7,
+    store: JsonObject | None = None,
 ) -> Prepared:
     """Simulate, write the site file, fit baselines to the first days."""
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
@@ -163,22 +169,22 @@ def prepare(
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("demo*.sqlite*"):
         old.unlink()
-    site_file = demo_site(folder, sources=[source], scenario=scenario)
+    site_file = demo_site(folder, sources=[source], scenario=scenario, store=store)
     opened = open_site(site_file)
     batches = list(_simulated(scenario, progress))
     end = scenario.first + round(learning_days * DAY * NANOSECONDS)
     learning = [b for b in batches if b.time[0] < end]
     history, _ = read_history(opened.plan, learning)
     task = progress.add_task("fitting baselines", total=len(opened.plan.components)) if progress else None
-    store = opened.store()
+    kept = opened.store()
     for component in opened.plan.components:
         if progress and task is not None:
             progress.update(task, description=f"fitting {component.name}")
         baseline, _ = identify(opened.plan, component, history)
-        accept(store, baseline)
+        accept(kept, baseline)
         if progress and task is not None:
             progress.advance(task)
-    store.close()
+    kept.close()
     return Prepared(opened, site_file, scenario, endpoint, batches[len(learning) :])
 
 
@@ -221,18 +227,38 @@ def start_daemon(prepared: Prepared) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, stdout=log, stderr=log)
 
 
-def run_demo(*, fault: str, seed: int, weeks: int, folder: Path, console: Console) -> DemoResult:
+def store_table(kind: str) -> JsonObject | None:
+    """The store of the demonstration's site file: SQLite beside it, or the server that the environment names.
+
+    Raises
+    ------
+    UsageError : no such store, or the environment does not name the server
+    """
+    if kind == "sqlite":
+        return None
+    if kind != "influx":
+        raise UsageError(f"no store is called {kind!r}; there are sqlite and influx")
+    named = {key: os.environ.get(f"FDD_INFLUX_{key.upper()}", "") for key in ("url", "org", "bucket", "token")}
+    missing = [f"FDD_INFLUX_{key.upper()}" for key, value in named.items() if not value]
+    if missing:
+        raise UsageError(f"--store influx: set {', '.join(missing)}; the bucket keeps data for ever (--raw-days 0)")
+    return {"kind": "influx", **{k: named[k] for k in ("url", "org", "bucket")}, "token_env": "FDD_INFLUX_TOKEN"}
+
+
+def run_demo(
+    *, fault: str, seed: int, weeks: int, folder: Path, console: Console, store_kind: str = "sqlite"
+) -> DemoResult:
     """The whole demonstration.
 
     Raises
     ------
-    UsageError : no such fault, or the daemon failed
+    UsageError : no such fault or store, or the daemon failed
     """
     scenario, planted = scenario_of(fault, seed, weeks)
     began = clock.monotonic()
     columns = (TextColumn("{task.description:<28}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console) as progress:
-        prepared = prepare(scenario, folder, progress)
+        prepared = prepare(scenario, folder, progress, store=store_table(store_kind))
         streaming = clock.monotonic()
         daemon = start_daemon(prepared)
         with publish(prepared, progress):
