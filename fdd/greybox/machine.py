@@ -2,8 +2,7 @@
 
 What it takes: functions of floats, integers and arrays with annotated arguments, assignments, ``for`` over ``range``,
 ``while``, ``if``, conditional expressions, arithmetic and the functions of :data:`INTRINSICS`. A loop over ``k`` with
-fixed ends whose arrays are indexed by ``... + k`` becomes vector instructions directly. With ``lanes`` every float is a
-vector of that many components: the same text then steps them all at once.
+fixed ends whose arrays are indexed by ``... + k`` becomes vector instructions directly.
 
 One text gives one object file, whoever compiles it and whatever was loaded before, so that results do not depend on
 which process compiled.
@@ -127,8 +126,8 @@ class _Chunk(ast.stmt):
 class Writer:
     """Writes one function as LLVM's language."""
 
-    def __init__(self, module: Module, name: str, prefix: str, lanes: int, external: bool) -> None:
-        self.module, self.node, self.prefix, self.lanes = module, module.functions[name], prefix, lanes
+    def __init__(self, module: Module, name: str, prefix: str, external: bool) -> None:
+        self.module, self.node, self.prefix = module, module.functions[name], prefix
         self.signature = module.signatures[name]
         self.external = external
         self.entry: list[str] = []
@@ -172,9 +171,9 @@ class Writer:
         if wide:
             return f"<{wide} x double>" if t == "float" else f"<{wide} x i1>"
         if t == "float":
-            return f"<{self.lanes} x double>" if self.lanes > 1 else "double"
+            return "double"
         if t == "bool":
-            return f"<{self.lanes} x i1>" if self.lanes > 1 else "i1"
+            return "i1"
         return {"int": "i64", "condition": "i1", "none": "void"}[t]
 
     # The function
@@ -197,7 +196,7 @@ class Writer:
         return f"{head}({', '.join(arguments)}) nounwind {{\n{body}\n}}"
 
     def _zero(self, t: str) -> str:
-        return "zeroinitializer" if self.lanes > 1 and t in ("float", "bool") else number(0.0) if t == "float" else "0"
+        return number(0.0) if t == "float" else "0"
 
     def block(self, body: Iterable[ast.stmt]) -> None:
         """Statements in order."""
@@ -273,8 +272,6 @@ class Writer:
         if known.name in ("true", "false"):
             self.block(s.body if known.name == "true" else s.orelse)
             return
-        if self.lanes > 1 and known.type == "bool":
-            raise UnsupportedTextError(f"lanes cannot branch one by one: {ast.unparse(s.test)}")
         yes, no, after = self.label("yes"), self.label("no"), self.label("after")
         self.emit(f"br i1 {known.name}, label %{yes}, label %{no if s.orelse else after}")
         self.ended = True
@@ -323,16 +320,16 @@ class Writer:
         self.begin(after)
 
     def _loop_over_k(self, body: list[ast.stmt], size: int) -> None:
-        """Vectors as wide as they come; one by one where the lanes are the vectors already."""
+        """Vectors as wide as they come."""
         simple = all(isinstance(s, ast.Assign | ast.AugAssign) for s in body)
         at = 0
-        for width in WIDTHS if self.lanes == 1 else (1,):
+        for width in WIDTHS:
             passes = (size - at) // width
             if passes > (1 if not simple else 8):
                 self._k_at_run_time(body, at, width, passes)
             else:
                 for i in range(passes):
-                    self.chunk = (str(at + i * width), width if self.lanes == 1 else 0)
+                    self.chunk = (str(at + i * width), width)
                     self.block(body)
                     self.chunk = None
             at += passes * width
@@ -341,7 +338,7 @@ class Writer:
         name = self.label("k")
         self.names[name] = ("int", f"%{name}.at")
         self.entry.append(f"  %{name}.at = alloca i64, align 8")
-        inner = _Chunk(name, at, width if self.lanes == 1 else 0, body)
+        inner = _Chunk(name, at, width, body)
         self._count(name, Value("int", "0"), str(passes), [inner])
 
     def repeat(self, s: ast.While) -> None:
@@ -386,10 +383,8 @@ class Writer:
         return self.module.constants
 
     def splat(self, scalar: str) -> Value:
-        """A number, for all lanes."""
-        if self.lanes == 1:
-            return Value("float", scalar)
-        return Value("float", f"splat (double {scalar})")
+        """A number."""
+        return Value("float", scalar)
 
     def _name(self, e: ast.Name) -> Value:
         if e.id in ("inf", "nan"):
@@ -461,8 +456,7 @@ class Writer:
     def _unaryop(self, e: ast.UnaryOp) -> Value:
         if isinstance(e.op, ast.Not):
             a = self.truth(e.operand)
-            ones = "splat (i1 true)" if self.lanes > 1 and a.type == "bool" else "true"
-            return Value(a.type, self.value(f"xor {self.type(a.type)} {a.name}, {ones}"))
+            return Value(a.type, self.value(f"xor {self.type(a.type)} {a.name}, true"))
         a = self.expression(e.operand)
         if a.type == "int":
             return Value("int", self.value(f"sub nsw i64 0, {a.name}"))
@@ -550,13 +544,13 @@ class Writer:
         return Value(signature.returns, self.value(call))
 
     def _highest(self, a: Value) -> Value:
-        """The largest element of a vector over k, or the largest of all lanes: a number."""
-        size = a.wide or self.lanes
-        if size == 1:
+        """The largest element of a vector over k."""
+        size = a.wide
+        if not size:
             return a
         t = f"<{size} x double>"
         reduced = self.value(f"call double @llvm.vector.reduce.fmax.v{size}f64({t} {a.name})")
-        return Value("float" if self.lanes == 1 else "scalar", reduced)
+        return Value("float", reduced)
 
     def call(self, name: str, arguments: list[Value]) -> Value:
         """A mathematical function, for each element."""
@@ -564,11 +558,9 @@ class Writer:
         wide = arguments[0].wide
         t = self.type("float", wide)
         given = ", ".join(f"{t} {a.name}" for a in arguments)
-        if self.lanes > 1 and name in ("exp", "log", "pow"):
-            return Value("float", self.value(f"call {t} @lanes_{name}({given})"))
-        if name == "tanh" and not wide and self.lanes == 1:
+        if name == "tanh" and not wide:
             return Value("float", self.value(f"call double @tanh({given})"))
-        kind = f"v{wide or self.lanes}f64" if wide or self.lanes > 1 else "f64"
+        kind = f"v{wide}f64" if wide else "f64"
         return Value("float", self.value(f"call {_FAST} {t} @llvm.{name}.{kind}({given})"), wide)
 
     # Conversions
@@ -580,14 +572,11 @@ class Writer:
             if v.name.lstrip("-").isdigit():
                 return self.splat(number(float(v.name)))
             scalar = self.value(f"sitofp i64 {v.name} to double")
-            return Value("float", self._broadcast(scalar, self.lanes)) if self.lanes > 1 else Value("float", scalar)
+            return Value("float", scalar)
         if to == "condition" and v.type == "int":
             return Value(to, self.value(f"icmp ne i64 {v.name}, 0"))
         if to in ("bool", "condition") and v.type in ("bool", "condition"):
-            if self.lanes == 1:
-                return Value(to, v.name, v.wide)
-            if to == "bool" and v.name in ("true", "false"):
-                return Value("bool", f"splat (i1 {v.name})")
+            return Value(to, v.name, v.wide)
         raise UnsupportedTextError(f"{v.type} as {to} in {self.node.name}")
 
     def _broadcast(self, scalar: str, size: int) -> str:
@@ -625,7 +614,7 @@ def _as_load(target: ast.expr) -> ast.expr:
     return ast.Name(target.id, ast.Load())
 
 
-def assemble(text: str, prefix: str, entries: Iterable[str], lanes: int = 1) -> str:
+def assemble(text: str, prefix: str, entries: Iterable[str]) -> str:
     """LLVM's language for the entry functions of a text and what they call; names get the prefix."""
     module = read(text)
     external, wanted = set(entries), list(entries)
@@ -635,7 +624,7 @@ def assemble(text: str, prefix: str, entries: Iterable[str], lanes: int = 1) -> 
                 called = node.func.id
                 if called in module.functions and called not in wanted:
                     wanted.append(called)
-    parts = [Writer(module, name, prefix, lanes, name in external).function() for name in wanted]
+    parts = [Writer(module, name, prefix, name in external).function() for name in wanted]
     body = "\n\n".join(parts)
     declared = sorted(set(_INTRINSIC.findall(body)))
     return "\n".join([*(_declaration(name) for name in declared), body])
