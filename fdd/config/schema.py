@@ -100,8 +100,9 @@ class ParameterSpec(Strict):
 class Charts(Strict):
     """Which charts watch a component; empty means all that apply."""
 
-    kinds: tuple[Literal["cusum", "score"], ...] = Field(
-        default=(), description="kinds of chart, cusum (innovations) or score (parameters); empty means both"
+    kinds: tuple[Literal["cusum", "score", "still", "health"], ...] = Field(
+        default=(),
+        description="kinds of chart: cusum, score, still (frozen readings), health (of the model); empty means all",
     )
     exclude: tuple[str, ...] = Field(default=(), description="parameters or outputs that get no chart")
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fdd.records import JsonObject
 from fdd.residual_monitors.chart import Verdicts
+from fdd.service.alarms import PLANT
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.plan import Component, Plan
 
@@ -19,12 +20,13 @@ BoolArray = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """One chart: what it watches and where that is measured."""
+    """One chart: what it watches and where that is measured; ``alarm`` is the kind of alarm that it raises."""
 
     name: str
     component: str
     symbol: str
     point: str | None
+    alarm: str = PLANT
 
 
 class Family(Protocol):
@@ -57,8 +59,10 @@ class FamilyKind:
 
     ``carried(group, component)`` says how many charts a component has of it, each of which takes an equal share of the
     component's budget; ``build(plan, groups, arl)`` makes the family, or several, with the mean number of frames
-    between false alarms of each of a component's charts in ``arl``.
+    between false alarms of each of a component's charts in ``arl``. A family with a ``share`` above zero has so much of
+    the plant's budget to itself; the others divide what is left.
     """
 
     carried: Callable[[FilterGroup, Component], int]
     build: Callable[[Plan, Sequence[FilterGroup], dict[str, float]], Sequence[Family]]
+    share: float = 0.0

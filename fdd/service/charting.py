@@ -1,7 +1,7 @@
 """All charts of a site: which families there are, and the limits that the budget gives them.
 
 Every component carries the families listed in :data:`FAMILIES`. The plant's budget of false alarms is spread over
-components by weight, and within a component evenly.
+components by weight, and within a component evenly; families of another purpose have a share of their own.
 """
 
 from __future__ import annotations
@@ -14,14 +14,17 @@ import numpy as np
 from fdd.records import NANOSECONDS, IntArray, JsonObject
 from fdd.residual_monitors.budget import spread
 from fdd.residual_monitors.chart import Phase, Verdicts
-from fdd.service.chart_family import BoolArray, Family
+from fdd.service.alarms import MODEL, PLANT, subject
+from fdd.service.chart_family import BoolArray, Family, FamilyKind
 from fdd.service.filters import FilterGroup, GroupStep
+from fdd.service.health_charts import HEALTH
 from fdd.service.innovation_charts import INNOVATIONS
 from fdd.service.plan import Component, Plan
 from fdd.service.score_charts import SCORES, ScoreCharts
+from fdd.service.still_charts import STILL
 
 # The families that components carry, in the order of their streams.
-FAMILIES = (INNOVATIONS, SCORES)
+FAMILIES = (INNOVATIONS, SCORES, STILL, HEALTH)
 # A statistic below this share of its limit says that what raised the alarm is gone (hysteresis).
 NORMAL = 0.25
 
@@ -39,12 +42,15 @@ class Charts:
     """Every chart of a site."""
 
     def __init__(self, plan: Plan, groups: Sequence[FilterGroup]) -> None:
-        arl = _budget(plan, groups)
-        self._families: list[Family] = [f for kind in FAMILIES for f in kind.build(plan, groups, arl)]
+        self._families: list[Family] = [
+            f for kind in FAMILIES for f in kind.build(plan, groups, _budget(plan, groups, kind))
+        ]
         self.streams = tuple(s for f in self._families for s in f.streams)
-        of: dict[str, list[int]] = {c.name: [] for g in groups for c in g.components}
+        of: dict[str, list[int]] = {
+            subject(c.name, k): [] for g in groups for c in g.components for k in (PLANT, MODEL)
+        }
         for i, stream in enumerate(self.streams):
-            of[stream.component].append(i)
+            of[subject(stream.component, stream.alarm)].append(i)
         self._of = {name: np.array(rows, dtype=np.int64) for name, rows in of.items()}
         self._edges = np.cumsum([0, *(len(f.streams) for f in self._families)])
         self._phase = np.zeros(len(self.streams), dtype=np.uint8)
@@ -76,14 +82,15 @@ class Charts:
         """Estimates of every component's parameters from the last ``updates``; see :class:`ScoreCharts`."""
         return [row for f in self._families if isinstance(f, ScoreCharts) for row in f.parameters(updates)]
 
-    def is_normal(self, component: str, step: ChartStep) -> bool:
-        """Whether every chart of a component said in this step that what raised its alarm is gone."""
-        return bool(step.normal[self._of[component]].all())
+    def is_normal(self, name: str, step: ChartStep) -> bool:
+        """Whether every chart of a component, or of its model, said in this step that what raised its alarm is gone."""
+        return bool(step.normal[self._of[name]].all())
 
-    def reset(self, component: str) -> None:
-        """An operator has cleared the component's alarm."""
+    def reset(self, component: str, kind: str = PLANT) -> None:
+        """An operator has cleared the component's alarm; after one of the plant, those of its model start again too."""
         which = np.zeros(len(self.streams), dtype=np.bool_)
-        which[self._of[component]] = True
+        for each in {kind, MODEL}:
+            which[self._of[subject(component, each)]] = True
         for family, start, stop in zip(self._families, self._edges, self._edges[1:], strict=False):
             family.reset(which[start:stop])
         self._phase = np.where(which, np.uint8(Phase.QUIET), self._phase)
@@ -112,17 +119,19 @@ class Charts:
         self._standing = np.array(state["standing"], dtype=np.bool_)
 
 
-def _budget(plan: Plan, groups: Sequence[FilterGroup]) -> dict[str, float]:
-    """Mean number of frames between false alarms for each of a component's charts."""
-    components = [(c, _charts_of(g, c)) for g in groups for c in g.components]
+def _budget(plan: Plan, groups: Sequence[FilterGroup], kind: FamilyKind) -> dict[str, float]:
+    """Mean number of frames between false alarms for each of a component's charts of a family."""
+    together = [kind] if kind.share else [k for k in FAMILIES if not k.share]
+    share = kind.share or 1.0 - sum(k.share for k in FAMILIES)
+    components = [(c, _charts_of(g, c, together)) for g in groups for c in g.components]
     weights = [c.weight / n for c, n in components for _ in range(n)]
     if not weights:
         return {}
-    each = spread(plan.false_alarms_per_year, weights, plan.step / NANOSECONDS)
+    each = spread(share * plan.false_alarms_per_year, weights, plan.step / NANOSECONDS)
     starts = np.cumsum([0, *(n for _, n in components)])[:-1]
     return {c.name: float(each[i]) for (c, _), i in zip(components, starts, strict=True)}
 
 
-def _charts_of(group: FilterGroup, component: Component) -> int:
+def _charts_of(group: FilterGroup, component: Component, kinds: Sequence[FamilyKind]) -> int:
     """How many charts share a component's budget; at least one, so that a component without charts divides nothing."""
-    return max(1, sum(kind.carried(group, component) for kind in FAMILIES))
+    return max(1, sum(kind.carried(group, component) for kind in kinds))

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from fdd.diagnosis.cost import daily_cost
 from fdd.diagnosis.departure import Departure
+from fdd.diagnosis.health import of_model, with_frozen, without_frozen
 from fdd.diagnosis.ranking import diagnose
 from fdd.records import NANOSECONDS, Alarm, AlarmState, Baseline, Batch, FloatArray, JsonObject, Rows, concatenate
-from fdd.service.alarms import AlarmBook, Command, Ring
+from fdd.service.alarms import MODEL, AlarmBook, Command, Ring, kind_of, subject_of
 from fdd.service.charting import Charts, ChartStep
 from fdd.service.chillers import ChillerDay, Chillers
 from fdd.service.filters import FilterGroup, GroupStep
@@ -24,7 +25,7 @@ from fdd.service.framing import Framer, Frames
 from fdd.service.plan import Chiller, Component, Plan
 from fdd.service.recent import Recent
 
-SCHEMA = 5
+SCHEMA = 6
 DAY = 86400 * NANOSECONDS
 REMEMBERED = 9 * DAY  # how long after its onset an alarm is diagnosed anew every day
 _NONE = np.empty(0)  # what a site without filters concatenates
@@ -112,15 +113,15 @@ class Engine:
         now = command.time if self._time is None else self._time
         changed = self.alarms.command(command, now)
         if command.action == "clear":
-            self._reset(changed[0].component)
+            self._reset(changed[0])
         return Outputs(alarms=changed)
 
-    def _reset(self, component: str) -> None:
-        if component in self._chillers:
-            self._chillers.reset(component)
+    def _reset(self, alarm: Alarm) -> None:
+        if alarm.component in self._chillers:
+            self._chillers.reset(alarm.component)
         else:
-            self._charts.reset(component)
-            self._recent.forget(component)
+            self._charts.reset(alarm.component, kind_of(alarm))
+            self._recent.forget(alarm.component)
 
     @property
     def versions(self) -> dict[str, int]:
@@ -193,7 +194,7 @@ class Engine:
             changed += self.alarms.ring(time, rings)
         changed += [a for day in chillers if day.retold and (a := self.alarms.of(day.name)) and a not in changed]
         if self.alarms.open:
-            back = [a.component for a in self.alarms.open if self._is_normal(a.component, step)]
+            back = [subject_of(a) for a in self.alarms.open if self._is_normal(a, step)]
             changed += self.alarms.normal(time, back)
         return [self._diagnosed(alarm) for alarm in changed]
 
@@ -210,12 +211,12 @@ class Engine:
         # A chart cannot have seen anything before its component was last started.
         judged = self._group_of[stream.component].judged_since(stream.component)
         since = max(time - int(v.onset_age[i]) * self.plan.step, judged)
-        return Ring(stream.component, stream.name, stream.point, since, evidence)
+        return Ring(stream.component, stream.name, stream.point, since, evidence, stream.alarm)
 
-    def _is_normal(self, component: str, step: ChartStep) -> bool:
-        if component in self._chillers:
-            return self._chillers.is_normal(component)
-        return self._charts.is_normal(component, step)
+    def _is_normal(self, alarm: Alarm, step: ChartStep) -> bool:
+        if alarm.component in self._chillers:
+            return self._chillers.is_normal(alarm.component)
+        return self._charts.is_normal(subject_of(alarm), step)
 
     def _revisited(self, time: int) -> list[Alarm]:
         """Once a day: what the days since the onset say of alarms that stand, while their onset is remembered."""
@@ -228,10 +229,12 @@ class Engine:
     def _diagnosed(self, alarm: Alarm) -> Alarm:
         if alarm.component in self._chillers:
             alarm = self._chillers.explain(alarm)
+        elif kind_of(alarm) == MODEL:
+            alarm = of_model(alarm)
         else:
             model = self._components[alarm.component].model
             departure = self._recent.departure(alarm.component, alarm.since, alarm.updated)
-            finding = diagnose(model, alarm)
+            finding = diagnose(model, without_frozen(alarm))
             operation = self._recent.operation(alarm.component, alarm.updated)
             cost = daily_cost(model, departure, operation, finding.causes, self.plan.tariffs)
             alarm = replace(
@@ -242,7 +245,8 @@ class Engine:
                 causes=finding.causes,
                 checks=finding.checks,
             )
-        if self.alarms.of(alarm.component):
+            alarm = with_frozen(alarm)
+        if self.alarms.of(alarm.component, kind_of(alarm)):
             self.alarms.annotate(alarm)
         return alarm
 

@@ -36,14 +36,16 @@ BROKEN = STATUS.index("restarting: a state or its covariance became infinite")
 class GroupStep:
     """One step of a group; arrays are (n, n_outputs) unless said.
 
-    ``standardised`` is NaN where charts shall see nothing; ``score`` (n, n_p) and ``information`` (n, n_p, n_p) are
-    meant for the rows where ``charted`` (n,) is true.
+    ``readings`` (n, n_inputs) are the inputs as they came, NaN where there was none. ``standardised`` is NaN where
+    charts shall see nothing; ``score`` (n, n_p) and ``information`` (n, n_p, n_p) are meant for the rows where
+    ``charted`` (n,) is true.
     """
 
     predicted: FloatArray
     sd: FloatArray
     standardised: FloatArray
     measured: FloatArray
+    readings: FloatArray
     running: BoolArray
     charted: BoolArray
     score: FloatArray
@@ -131,6 +133,7 @@ class FilterGroup:
             sd=np.sqrt(step.variance),
             standardised=white,
             measured=y,
+            readings=values[self._inputs],
             running=running & ~broken,
             charted=charted,
             score=step.score,

@@ -14,9 +14,11 @@ from fdd.greybox.results import FitResult
 from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
 from fdd.residual_monitors.whiten import Whitener
 from fdd.service.filters import FilterGroup, GroupStep
+from fdd.service.health_charts import window_of, window_statistics
 from fdd.service.history import History, Run, runs
 from fdd.service.plan import Component, Plan
 from fdd.service.score_charts import SCORE_BLOCK
+from fdd.service.still_charts import still_statistics
 
 
 class IdentifyError(ValueError):
@@ -81,7 +83,10 @@ def identify(
     )
     steps = healthy_steps(plan, component, baseline, history)
     diagnostics = {**baseline.diagnostics, "score_spread": score_spread(plan, component, steps)}
-    return replace(baseline, innovation=innovation_statistics(component, steps), diagnostics=diagnostics), result
+    diagnostics["still"] = still_statistics(component, steps)
+    return replace(
+        baseline, innovation=innovation_statistics(component, steps, plan.step), diagnostics=diagnostics
+    ), result
 
 
 def _data(run: Run) -> Data:
@@ -94,10 +99,11 @@ def healthy_steps(plan: Plan, component: Component, baseline: Baseline, history:
     return [group.step(t, row) for t, row in zip(history.time.tolist(), history.values, strict=True)]
 
 
-def innovation_statistics(component: Component, steps: Sequence[GroupStep]) -> dict[str, JsonObject]:
+def innovation_statistics(component: Component, steps: Sequence[GroupStep], step: int) -> dict[str, JsonObject]:
     """What is left of each output's standardised innovations on the baseline: mean, colour and spread.
 
     Where they are coloured beyond chance, an autoregression (``ar``) takes the colour out before they are charted.
+    ``windows`` is what tests of whiteness say of what is left; ``step`` the length of a frame [ns].
     """
     z = np.array([s.standardised[0] for s in steps])
     found: dict[str, JsonObject] = {}
@@ -110,12 +116,14 @@ def innovation_statistics(component: Component, steps: Sequence[GroupStep]) -> d
         whitener.scale[:] = 1.0
         white = np.array([whitener.update(row)[0] for row in column[:, None]])
         white = white[np.isfinite(white)]
+        sd = honest_spread(white)
         found[quantity.symbol] = {
             "mean": float(whitener.mean[0]),
             "ar": whitener.coefficients[0].tolist(),
-            "sd": honest_spread(white),
+            "sd": sd,
             "lag1": lag1,
             "samples": len(seen),
+            "windows": window_statistics(white / sd, window_of(step)),
         }
     return found
 

@@ -17,7 +17,7 @@ from fdd.diagnosis.score import Group, Label, Rate, Score, Share, Standing, scor
 from fdd.records import NANOSECONDS, JsonObject
 from fdd.report.figures_page import Part, Picture, drawn, write_page
 from fdd.residual_monitors.design import duration
-from fdd.service.alarms import iso
+from fdd.service.alarms import PLANT, iso, kind_of
 from fdd.service.errors import UsageError
 from fdd.service.opened import Opened
 from fdd.service.replay import replay_site
@@ -118,7 +118,7 @@ def score_site(site_file: Path, data: Path, labels_file: Path, *, settle: float 
     if result.first is None or result.last is None:
         raise UsageError(f"{data}: it gave no frames; check it with fdd check SITE DATA")
     labels = read_labels(labels_file, result.opened)
-    alarms = standing(result.changes, result.last)
+    alarms = standing([a for a in result.changes if kind_of(a) == PLANT], result.last)
     days = list(_days(result.opened, result.first, result.last))
     unwatched = sorted({x.component for x in labels} - set(result.watched))
     notes = [f"{name} has labels and no baseline: its cases count as missed" for name in unwatched]

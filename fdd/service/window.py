@@ -29,12 +29,16 @@ class Window:
 
 
 def avoided(alarms: Iterable[JsonObject], component: Component, margin: int = MARGIN) -> list[tuple[int, int | None]]:
-    """Spans [start, end) under alarms of a component, or of a point that it reads; an open alarm has no end."""
+    """Spans [start, end) under alarms of a component, or of a point that it reads; an open alarm has no end.
+
+    Under an alarm of the model's health the plant is well: that is what a new baseline is to be identified from.
+    """
     points = {*component.inputs, *component.outputs}
     return [
         (int(a["since"]) - margin, int(a["updated"]) + margin if a["state"] in OVER else None)
         for a in alarms
-        if a["component"] == component.name or points & set(a["evidence"].get("points", ()))
+        if a["evidence"].get("kind", "plant") == "plant"
+        and (a["component"] == component.name or points & set(a["evidence"].get("points", ())))
     ]
 
 

@@ -1,0 +1,176 @@
+"""Charts of the model's health: does it still describe its component, whatever becomes of the plant?
+
+Every output's innovations are tested day by day for memory (autocorrelation), colour at any frequency (cumulated
+periodogram) and spread (dispersion). Hardly any model is white on its own baseline, and one that was accepted so must
+not ring for it: a limit is what a further day of the baseline passes with the chance that the budget gives it (by
+Student's predictive distribution), and never below that of white innovations.
+
+Their alarms are the model's, with a share of the budget of their own: they say that the component is to be identified
+anew, not that it is broken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+
+import numpy as np
+from scipy.special import ndtri
+from scipy.stats import chi2, kstwo
+from scipy.stats import t as student
+
+from fdd.records import NANOSECONDS, FloatArray, JsonObject
+from fdd.residual_monitors.autocorrelation import Autocorrelation
+from fdd.residual_monitors.chart import Verdicts
+from fdd.residual_monitors.dispersion import Dispersion
+from fdd.residual_monitors.periodogram import Periodogram
+from fdd.service.chart_family import BoolArray, FamilyKind, Stream
+from fdd.service.filters import FilterGroup, GroupStep
+from fdd.service.plan import Component, Plan
+
+KINDS = ("autocorrelation", "periodogram", "dispersion")
+# Share of the plant's false alarms that may be the models'.
+SHARE = 0.1
+DAY = 86400 * NANOSECONDS
+# A window has at least this many values; with long frames it is longer than a day.
+SHORTEST = 96
+LAGS = 12
+# Fewer windows than this say nothing of how far a healthy day may go.
+FEWEST = 6
+# One wild value is a matter for the charts of the plant.
+OUTLIER = 5.0
+
+
+def window_of(step: int) -> int:
+    """Values of a window at this length of a frame [ns]."""
+    return max(SHORTEST, DAY // step)
+
+
+def window_statistics(white: FloatArray, window: int) -> JsonObject:
+    """What the tests say of the baseline's own windows: mean, standard deviation and number, by kind; plain data.
+
+    Parameters
+    ----------
+    white : shape (n,), standardised and whitened innovations in order, without gaps
+    """
+    values = np.clip(white, -OUTLIER, OUTLIER)
+    values = values[: len(values) // window * window].reshape(-1, window)
+    if len(values) < FEWEST:
+        return {}
+    one = np.ones(1)
+    found = {
+        "autocorrelation": np.cbrt(Autocorrelation(one, window=window, lags=LAGS).statistics(values)),
+        "periodogram": np.log(Periodogram(one, window=window).statistics(values)),
+        "dispersion": Dispersion(one, window=window).scores(values),
+    }
+    return {"window": window} | {k: [float(s.mean()), float(s.std(ddof=1)), len(s)] for k, s in found.items()}
+
+
+class HealthCharts:
+    """Three tests on the windows of every output; statistics count from the baseline's mean, on a normal scale."""
+
+    def __init__(self, plan: Plan, groups: Sequence[FilterGroup], arl: Mapping[str, float]) -> None:
+        self._window = window_of(plan.step)
+        outputs = [(g, i, c, q.symbol) for g in groups for i, c in enumerate(g.components) for q in g.model.outputs]
+        self._carried = np.array([c.carries("health", symbol) for _, _, c, symbol in outputs], dtype=np.bool_)
+        self._outputs = [o for o, carried in zip(outputs, self._carried, strict=True) if carried]
+        self.streams = tuple(
+            Stream(f"{c.name}/{symbol}:{kind}", c.name, symbol, None, alarm="model")
+            for kind in KINDS
+            for _, _, c, symbol in self._outputs
+        )
+        self._chance = np.array([min(0.5, self._window / arl[c.name]) for _, _, c, _ in self._outputs])
+        ones = np.ones(len(self._outputs))
+        self._memory = Autocorrelation(ones, window=self._window, lags=LAGS)
+        self._colour = Periodogram(ones, window=self._window)
+        self._spread = Dispersion(ones, window=self._window)
+        self._charts = (self._memory, self._colour, self._spread)
+        self._inform()
+
+    def _inform(self) -> None:
+        """Take centres and limits from the baselines; an output whose baseline was too short is not judged."""
+        stored = [g.baselines[i].innovation.get(symbol, {}).get("windows", {}) for g, i, _, symbol in self._outputs]
+        self._known = np.array([s.get("window") == self._window for s in stored], dtype=np.bool_)
+        p = self._chance
+        memory, colour, spread = (
+            _Reach.of([s[kind] if known else None for s, known in zip(stored, self._known, strict=True)], *chance)
+            for kind, *chance in (
+                ("autocorrelation", p, np.cbrt(chi2.isf(p, LAGS))),
+                ("periodogram", p, np.log(kstwo.isf(p, (self._window - 1) // 2 - 1))),
+                ("dispersion", p / 2, None),
+            )
+        )
+        self._memory.set_limit(memory.limit**3)
+        self._colour.set_limit(np.exp(np.minimum(colour.limit, 1.0)))
+        self._spread.centre = spread.centre
+        self._spread.set_limit(spread.reach)
+        self._reaches = (memory, colour, spread)
+
+    def update(self, steps: Sequence[GroupStep]) -> Verdicts:
+        """Feed the standardised innovations."""
+        z = np.concatenate([np.empty(0), *(s.standardised.ravel() for s in steps)])[self._carried]
+        z = np.where(self._known, np.clip(z, -OUTLIER, OUTLIER), np.nan)
+        said = [chart.update(z) for chart in self._charts]
+        memory, colour, spread = (v.statistic for v in said)
+        with np.errstate(divide="ignore"):
+            scaled = (np.cbrt(memory), np.log(colour), spread + self._reaches[2].centre)
+        away = [np.maximum(s - r.centre, 0.0) for s, r in zip(scaled, self._reaches, strict=True)]
+        joined = {f.name: np.concatenate([getattr(v, f.name) for v in said]) for f in fields(Verdicts)}
+        joined |= {"statistic": np.concatenate(away), "limit": np.concatenate([r.reach for r in self._reaches])}
+        return Verdicts(**joined)
+
+    def rebase(self, components: set[str]) -> BoolArray:
+        """Begin again with the new baselines' own limits: whiteness is that of one model, not of the plant."""
+        which = np.array([s.component in components for s in self.streams], dtype=np.bool_)
+        self._inform()
+        self.reset(which)
+        return which
+
+    def reset(self, which: BoolArray) -> None:
+        """Start these streams again."""
+        for chart, rows in zip(self._charts, np.split(which, len(KINDS)), strict=True):
+            chart.reset(rows)
+
+    def estimate(self, stream: int, updates: int) -> JsonObject:
+        """A test says that the model no longer holds, not which parameter is to blame."""
+        return {"test": KINDS[stream // max(1, len(self._outputs))]}
+
+    def export_state(self) -> JsonObject:
+        """The charts as plain data."""
+        return {kind: chart.export_state() for kind, chart in zip(KINDS, self._charts, strict=True)}
+
+    def restore_state(self, state: JsonObject) -> None:
+        """Continue where :meth:`export_state` stood."""
+        for kind, chart in zip(KINDS, self._charts, strict=True):
+            chart.restore_state(state[kind])
+
+
+class _Reach:
+    """Centre of a statistic on the baselines and how far beyond it the limit lies, each (n,)."""
+
+    def __init__(self, centre: FloatArray, reach: FloatArray) -> None:
+        self.centre, self.reach = centre, reach
+
+    @property
+    def limit(self) -> FloatArray:
+        """The limit itself."""
+        return self.centre + self.reach
+
+    @classmethod
+    def of(cls, found: Sequence[Sequence[float] | None], chance: FloatArray, white: FloatArray | None) -> _Reach:
+        """From mean, standard deviation and number of windows; ``white`` is the least limit, None for a centred one."""
+        mean, sd, count = np.array([f or (0.0, 1.0, 2.0) for f in found]).reshape(-1, 3).T
+        reach = student.isf(chance, count - 1) * sd * np.sqrt(1 + 1 / count)
+        least = -ndtri(chance) if white is None else white - mean
+        return cls(np.ascontiguousarray(mean), np.maximum(reach, least))
+
+
+def _carried(group: FilterGroup, component: Component) -> int:
+    return len(KINDS) * sum(component.carries("health", q.symbol) for q in group.model.outputs)
+
+
+def _build(plan: Plan, groups: Sequence[FilterGroup], arl: dict[str, float]) -> list[HealthCharts]:
+    return [HealthCharts(plan, groups, arl)]
+
+
+HEALTH = FamilyKind(_carried, _build, SHARE)

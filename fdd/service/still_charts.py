@@ -1,0 +1,130 @@
+"""Charts of frozen readings: one for every point that a filter reads, whichever role it has.
+
+A point that several components read is charted once, for the component whose output it is, else for the first that
+reads it: the alarm's point suppresses what else is upset by it. What a point's healthy runs of equal readings are comes
+with its component's baseline.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fdd.records import NANOSECONDS, FloatArray, JsonObject
+from fdd.residual_monitors.chart import Verdicts
+from fdd.residual_monitors.still import Still, Stillness, stillness
+from fdd.service.chart_family import BoolArray, FamilyKind, Stream
+from fdd.service.filters import FilterGroup, GroupStep
+from fdd.service.plan import Component, Plan
+
+# Share of the plant's false alarms that frozen readings may give: runs get rare so fast that little is enough.
+SHARE = 0.02
+# What stands for the limit of a point without a baseline of its own; it is fed nothing.
+UNKNOWN = Stillness(readings=1, runs=1, longest=0, tail=0, exceed=1, excess=0, low=-np.inf, high=np.inf)
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """Where a point's readings are: group, row, and column among its outputs or, after these, its inputs."""
+
+    group: int
+    row: int
+    column: int
+    symbol: str
+    point: str
+
+
+def still_statistics(component: Component, steps: Sequence[GroupStep]) -> dict[str, JsonObject]:
+    """Runs of equal readings on a healthy history, by symbol; nothing for a point that never changes."""
+    seen = np.array([s.running[0] for s in steps])
+    table = np.array([_readings(s)[0] for s in steps])
+    table = np.where(seen[:, None], table, np.nan)
+    found = ((symbol, stillness(column)) for symbol, column in zip(_symbols(component), table.T, strict=True))
+    return {symbol: s.document() for symbol, s in found if s is not None}
+
+
+def _symbols(component: Component) -> tuple[str, ...]:
+    return tuple(q.symbol for q in (*component.model.outputs, *component.model.inputs))
+
+
+def _readings(step: GroupStep) -> FloatArray:
+    return np.concatenate([step.measured, step.readings], axis=1)
+
+
+class StillCharts:
+    """Unchanged readings of every point."""
+
+    def __init__(self, plan: Plan, groups: Sequence[FilterGroup], arl: Mapping[str, float]) -> None:
+        self._groups, self._step = tuple(groups), plan.step
+        measured = set(plan.points)
+        taken: set[str] = set()
+        self._places: list[_Place] = []
+        for place in sorted(_places(groups), key=lambda p: p.column >= len(groups[p.group].model.outputs)):
+            component = groups[place.group].components[place.row]
+            if place.point in measured and place.point not in taken and component.carries("still", place.symbol):
+                taken.add(place.point)
+                self._places.append(place)
+        owners = [groups[p.group].components[p.row].name for p in self._places]
+        self.streams = tuple(
+            Stream(f"{owner}/{p.symbol}:still", owner, p.symbol, p.point)
+            for owner, p in zip(owners, self._places, strict=True)
+        )
+        self._arl = np.array([arl[owner] for owner in owners])
+        self._chart = Still(np.ones(len(self._places)))
+        self._inform()
+
+    def _inform(self) -> None:
+        """Take limits and ranges from the baselines."""
+        stored = [
+            self._groups[p.group].baselines[p.row].diagnostics.get("still", {}).get(p.symbol) for p in self._places
+        ]
+        self._known = np.array([s is not None for s in stored], dtype=np.bool_)
+        found = [UNKNOWN if s is None else Stillness(**s) for s in stored]
+        self._chart.expect(self._arl, found)
+
+    def update(self, steps: Sequence[GroupStep]) -> Verdicts:
+        """Feed the readings as they came; nothing where the component rests."""
+        tables = [np.where(s.running[:, None], _readings(s), np.nan) for s in steps]
+        x = np.array([tables[p.group][p.row, p.column] for p in self._places])
+        return self._chart.update(np.where(self._known, x, np.nan))
+
+    def rebase(self, components: set[str]) -> BoolArray:
+        """Go on: a frozen reading is frozen under any baseline."""
+        self._inform()
+        return np.zeros(len(self.streams), dtype=np.bool_)
+
+    def reset(self, which: BoolArray) -> None:
+        """Start these streams again."""
+        self._chart.reset(which)
+
+    def estimate(self, stream: int, updates: int) -> JsonObject:
+        """How long the reading has been the same."""
+        return {"point": self._places[stream].point, "unchanged_seconds": updates * self._step / NANOSECONDS}
+
+    def export_state(self) -> JsonObject:
+        """The chart as plain data."""
+        return self._chart.export_state()
+
+    def restore_state(self, state: JsonObject) -> None:
+        """Continue where :meth:`export_state` stood."""
+        self._chart.restore_state(state)
+
+
+def _places(groups: Sequence[FilterGroup]) -> Iterator[_Place]:
+    for g, group in enumerate(groups):
+        for row, c in enumerate(group.components):
+            for column, (symbol, point) in enumerate(zip(_symbols(c), (*c.outputs, *c.inputs), strict=True)):
+                yield _Place(g, row, column, symbol, point)
+
+
+def _carried(group: FilterGroup, component: Component) -> int:
+    return sum(component.carries("still", symbol) for symbol in _symbols(component))
+
+
+def _build(plan: Plan, groups: Sequence[FilterGroup], arl: dict[str, float]) -> list[StillCharts]:
+    return [StillCharts(plan, groups, arl)]
+
+
+STILL = FamilyKind(_carried, _build, SHARE)
