@@ -207,6 +207,10 @@ class Site(Strict):
     step: Duration = Field(default=300.0, description="length of a frame: how often filters step")
     lateness: DurationOrZero = Field(default=600.0, description="how late a sample may come and still count")
     max_gap: Duration = Field(default=3600.0, description="a longer silence restarts a component's filter")
+    learning: Duration = Field(
+        default=28 * 86400.0,
+        description="so much of present data teaches what a baseline leaves open; what is known better is never relearned",
+    )
     max_jump: Duration = Field(
         default=7 * 86400.0, description="a sample further ahead is a clock error until confirmed"
     )

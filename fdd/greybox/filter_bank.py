@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fdd.greybox import codegen
 from fdd.greybox.kernels import Kernel, kernel
-from fdd.greybox.likelihood import chain, unpack
+from fdd.greybox.likelihood import chain, from_scale, to_scale, unpack
 from fdd.models.declare import ComponentModel
 
 FloatArray = NDArray[np.float64]
@@ -108,6 +108,23 @@ class FilterBank:
         nz, K = self.kernel.layout.nz, self.kernel.layout.K
         for row in rows:
             self._state[row, at["T"] : at["T"] + nz * K] = 0.0
+
+    def move(self, rows: NDArray[np.int64], by: FloatArray) -> None:
+        """Move parameters (r, n_p) by little on the transform scale, and states with them by their tangents."""
+        at, n, K = self.kernel.layout.offsets["T"], self.kernel.layout.n, self.kernel.layout.K
+        size = self.kernel.layout.nz * K
+        tangents = self._state[rows, at : at + size].copy()
+        old = self.parameters[rows]
+        new = np.array(
+            [
+                [from_scale(q, to_scale(q, v) + d) for q, v, d in zip(self.model.parameters, *pair, strict=True)]
+                for pair in zip(old, by, strict=True)
+            ]
+        )
+        self.set_parameters(rows, new)
+        self._state[rows, at : at + size] = tangents
+        shift = np.einsum("rik,rk->ri", tangents[:, : n * K].reshape(-1, n, K)[:, :, : new.shape[1]], new - old)
+        self._state[rows, :n] += np.where(np.isfinite(shift), shift, 0.0)
 
     def step(self, dt: ArrayLike, u: ArrayLike, y: ArrayLike, active: ArrayLike | None = None) -> Step:
         """One sample of every active component.

@@ -18,12 +18,14 @@ from fdd.residual_monitors.chart import (
     conclude,
 )
 from fdd.residual_monitors.information import Change, change
+from fdd.residual_monitors.offset import residual
+from fdd.residual_monitors.predictive import Uncertainty
 from fdd.residual_monitors.run_length import limit_for
 
 OUTLIER = 4.0
 """While the spread is learned, a block counts as at most this many standard deviations."""
-ALLOWANCE = 2.0
-"""Standard deviations of the baseline's own error that a chart forgives: 19 of 20 baselines are within."""
+HOLD = 0.5
+"""A component with a statistic above this share of its limit learns nothing of its baseline's error."""
 
 
 class Score(Chart):
@@ -47,8 +49,11 @@ class Score(Chart):
     k : reference value of the CUSUM on z
     isolated : chart projected scores
     history : blocks kept for :meth:`estimate`
-    covariance : shape (n_c, n_p, n_p), of the baseline's parameters on the estimation scale; a change within
-        :data:`ALLOWANCE` of their errors is forgiven. None: the baseline is known.
+    covariance : shape (n_c, n_p, n_p), of the baseline's parameters on the estimation scale; k is widened so that the
+        rate, averaged over their errors, is the promised one. None: the baseline is known.
+    enough : blocks; directions of the parameters that the baseline knows worse than from so many blocks of present data
+        go on being learned (:mod:`fdd.residual_monitors.offset`), and departures from what is foreseen are charted.
+        0: nothing is learned.
     learn : blocks over which the standard deviation of z is learned (at least 1 is taken), for innovations that are not
         white; 0 for filters that pass the whiteness checks
 
@@ -63,9 +68,10 @@ class Score(Chart):
 
     kind = "score"
     feed = Feed.SCORES
+    schema = 2
     _state = (
         "count", "elapsed", "score", "information", "upper", "lower", "upper_age", "lower_age", "shown",
-        "past_score", "past_information", "past_elapsed", "written",
+        "past_score", "past_information", "past_elapsed", "written", "offset", "covariance",
     )  # fmt: skip
 
     def __init__(
@@ -78,6 +84,7 @@ class Score(Chart):
         history: int = 40,
         learn: int = 0,
         covariance: ArrayLike | None = None,
+        enough: float = 0.0,
     ) -> None:
         grid = np.array(limit, dtype=np.float64, ndmin=2)
         super().__init__(grid.ravel(), learn=learn)
@@ -93,6 +100,8 @@ class Score(Chart):
             raise ValueError(
                 f"score chart: covariance has shape {self.covariance.shape}; give {(n, p, p)}, one a component"
             )
+        self.enough, self.offset = float(enough), np.zeros((n, p))
+        self._uncertainty = Uncertainty(self.limit, self.k)
         self.count = np.zeros(n, dtype=np.int64)
         self.elapsed = np.zeros(n, dtype=np.int64)
         self.score = np.zeros((n, p))
@@ -118,6 +127,7 @@ class Score(Chart):
         learn: int = 0,
         covariance: ArrayLike | None = None,
         baseline_samples: float = np.inf,
+        enough: float = 0.0,
     ) -> Score:
         """Charts with these mean numbers of *samples* between false alarms.
 
@@ -130,7 +140,10 @@ class Score(Chart):
         """
         wanted = np.array(arl, dtype=np.float64, ndmin=1).reshape(-1, parameters) / block
         limit = limit_for("cusum", wanted, k=k, shift_sd=float(np.sqrt(block / baseline_samples)))
-        return cls(limit, block=block, k=k, isolated=isolated, history=history, learn=learn, covariance=covariance)
+        return cls(
+            limit, block=block, k=k, isolated=isolated, history=history, learn=learn, covariance=covariance,
+            enough=enough,
+        )  # fmt: skip
 
     def update_scores(self, score: ArrayLike, information: ArrayLike) -> Verdicts:
         """Take one sample of every component.
@@ -167,9 +180,23 @@ class Score(Chart):
 
     def _close(self, rows: IntArray) -> tuple[FloatArray, FloatArray]:
         """Standardise full blocks, keep them in the history and begin new ones."""
-        found = change(self.score[rows], self.information[rows])
+        spread = np.sqrt(np.maximum(1.0, self.spread / np.maximum(self.seen, 1))).reshape(-1, self.parameters)[rows]
+        held = (
+            ((np.maximum(self.upper, self.lower) > HOLD * self.limit) | (self.latched == 1))
+            .reshape(-1, self.parameters)[rows]
+            .any(axis=1)
+        )
+        part, self.offset[rows], self.covariance[rows] = residual(
+            self.score[rows], self.information[rows], self.offset[rows], self.covariance[rows],
+            spread.max(axis=1), np.where(held, 0.0, self.enough),
+        )  # fmt: skip
+        found = change(part.score, self.information[rows])
         z = found.isolated if self.isolated else found.single / found.single_error
-        allowance = self._allowance(rows, found)
+        z = z / np.sqrt(1.0 + part.learned / np.square(spread))
+        streams = (rows[:, None] * self.parameters + np.arange(self.parameters)).ravel()
+        standing = self._isolated(rows, found) if self.isolated else part.standing
+        variance = (standing / (np.square(spread) + part.learned)).ravel()
+        allowance = self._uncertainty.extra(variance, streams).reshape(z.shape)
         slot = self.written[rows] % self.history
         self.past_score[rows, slot] = self.score[rows]
         self.past_information[rows, slot] = self.information[rows]
@@ -179,21 +206,20 @@ class Score(Chart):
         self.count[rows], self.elapsed[rows] = 0, 0
         return np.ascontiguousarray(np.where(found.visible, z, np.nan)), allowance
 
-    def _allowance(self, rows: IntArray, found: Change) -> FloatArray:
-        """What the baseline's own error may move these blocks' z by: so much is not yet a change of the plant.
+    def _isolated(self, rows: IntArray, found: Change) -> FloatArray:
+        """Variance that the baseline's error gives to the means of projected scores."""
+        own = np.diagonal(self.covariance[rows], axis1=1, axis2=2)
+        return np.asarray(np.nan_to_num(own * np.square(found.isolated / found.joint)))
 
-        The error d of the baseline moves the mean of z_j by (I d)_j / sqrt(I_jj) in every block, for good. How much
-        that is depends on what the weather excites now, not on what it excited when the baseline was fitted.
-        """
-        covariance = self.covariance[rows]
-        if self.isolated:
-            variance = np.diagonal(covariance, axis1=1, axis2=2) * np.square(found.isolated / found.joint)
-        else:
-            information = self.information[rows]
-            moved = np.einsum("rij,rjk,rki->ri", information, covariance, information)
-            diagonal = np.diagonal(information, axis1=1, axis2=2)
-            variance = moved / np.where(diagonal > 0, diagonal, 1.0)
-        return np.ascontiguousarray(ALLOWANCE * np.sqrt(np.maximum(np.nan_to_num(variance), 0.0)))
+    def moved(self, rows: IntArray, by: FloatArray) -> None:
+        """The baselines of these components were moved by ``by`` (r, n_p) while no block was begun."""
+        self.offset[rows] -= by
+        self.past_score[rows] -= np.einsum("rhij,rj->rhi", self.past_information[rows], by)
+
+    def depart(self, rows: NDArray[np.bool_], covariance: FloatArray) -> None:
+        """These components start from a new baseline with this covariance (n_c, n_p, n_p); nothing is learned yet."""
+        self.offset[rows] = 0.0
+        self.covariance[rows] = covariance[rows]
 
     def estimate(self, component: int, updates: int, covariance: FloatArray | None = None) -> Change:
         """Changes of a component's parameters over its last ``updates`` (an alarm's ``onset_age``).
@@ -208,6 +234,7 @@ class Score(Chart):
         slots = slots[ages - self.past_elapsed[component, slots] < updates]
         score = self.score[component] + self.past_score[component, slots].sum(axis=0)
         information = self.information[component] + self.past_information[component, slots].sum(axis=0)
+        score = score - information @ self.offset[component]
         return change(score, information, covariance, self.spread_of(component))
 
     def presume(self, spread: ArrayLike) -> None:

@@ -3,8 +3,8 @@
 =================  ==============================================================================
 condition          outcome
 =================  ==============================================================================
-input missing      its last value is held for ``hold``; after that the component has no data, and the first
-                   step over the missing frames is not judged: nobody knows what the input did there
+input missing      its last value is held for ``hold``, after that the component has no data; the step over which
+                   a value was held is not judged: nobody knows what the input did there
 output missing     the filter predicts; that output's charts see nothing
 gate false         the machine is off: the filter rests, and starts afresh when it is on again
 gap > ``max_gap``  the filter starts afresh from the next complete measurement
@@ -75,6 +75,9 @@ class FilterGroup:
         self._start_up = np.array([c.start_up for c in components], dtype=np.int64)
         self._hold, self._max_gap = hold, max_gap
         self._bank = FilterBank(self.model, self._parameters())
+        physical = sum(p.kind == "physical" for p in self.model.parameters)
+        # Covariance of the physical parameters' errors; the score charts say what is known of it.
+        self.error = np.zeros((len(components), physical, physical))
         self._whitener = _whitener(self.baselines, [o.symbol for o in self.model.outputs])
         n = len(components)
         self._last = np.full(n, NEVER, dtype=np.int64)
@@ -107,6 +110,15 @@ class FilterGroup:
         self._whitener = whitener
         return {self.components[i].name for i in rows}
 
+    @property
+    def parameters(self) -> FloatArray:
+        """Parameters that the filters run on now, (n, n_p), natural scale."""
+        return self._bank.parameters
+
+    def move(self, rows: IntArray, by: FloatArray) -> None:
+        """Move parameters of running filters by ``by`` (r, n_p) on their estimation scale, states with them."""
+        self._bank.move(rows, by)
+
     def step(self, time: int, values: FloatArray) -> GroupStep:
         """Step every component whose data allow it; ``values`` is one frame, shape (n_columns,)."""
         u, has_inputs = self._hold_inputs(time, values)
@@ -125,7 +137,8 @@ class FilterGroup:
         self._last = np.where(running & ~broken, time, np.where(broken, NEVER, self._last))
         self._count(step.status[broken])
         charted = running & ~broken & (time >= self._quiet) & ~self._bridging
-        self._bridging = np.where(running, False, self._bridging | ~has_inputs)
+        fresh = (self._held_at == time).all(axis=1)
+        self._bridging = np.where(running, ~fresh, self._bridging | ~has_inputs)
         seen = np.where(charted[:, None], step.standardised, np.nan)
         white = self._whitener.update(seen.ravel()).reshape(seen.shape)
         return GroupStep(
@@ -190,8 +203,15 @@ class FilterGroup:
 
 
 def _whitener(baselines: Sequence[Baseline], outputs: Sequence[str]) -> Whitener:
-    """Takes out what colour, mean and scale the innovations had on their baselines; nothing where these are unknown."""
-    table = [b.innovation.get(symbol, {}) for b in baselines for symbol in outputs]
+    """Takes out what colour, mean and scale the innovations had on their baselines; nothing where these are unknown.
+
+    A mean under given parameters, not fitted ones, is what these are off by: their filters learn that, and it goes away.
+    """
+    table = [
+        {**b.innovation.get(symbol, {}), **({} if b.covariance else {"mean": 0.0})}
+        for b in baselines
+        for symbol in outputs
+    ]
     order = max((len(s.get("ar", ())) for s in table), default=0)
     coefficients = np.zeros((len(table), order))
     for row, s in zip(coefficients, table, strict=True):

@@ -8,9 +8,9 @@ from fdd.models.declare import Parameter
 from fdd.records import Baseline, FloatArray, IntArray
 from fdd.service.filters import FilterGroup
 
-# No model is right to better than a per cent: every physical parameter is granted this relative standard error for
-# good, of which charts forgive ALLOWANCE times as much. This is the floor on the changes that are found.
-MODEL_ERROR = 0.005
+# Relative standard error granted to a physical parameter that was given and not fitted: a figure that is right to one
+# per cent is a good one. What of it is true is learned from the first weeks' scores.
+MODEL_ERROR = 0.01
 
 
 def physical(group: FilterGroup) -> IntArray:
@@ -19,18 +19,22 @@ def physical(group: FilterGroup) -> IntArray:
 
 
 def granted(group: FilterGroup, baseline: Baseline) -> FloatArray:
-    """Covariance granted to the physical parameters, on the estimation scale: the baseline's own, and the model's.
+    """Covariance of the physical parameters on the estimation scale: the fit's own, and what is granted to given ones.
 
-    A baseline that is known, not fitted, has none of its own.
+    Where scores of the fit's own data vary more than their information says, the fit's errors are larger in proportion.
     """
     at = physical(group)
-    own = np.zeros((len(at), len(at)))
     parameters = [group.model.parameters[i] for i in at]
+    own = np.zeros((len(at), len(at)))
     if baseline.covariance:
         order = [list(baseline.parameters).index(p.symbol) for p in parameters]
         own = np.nan_to_num(np.array(baseline.covariance))[np.ix_(order, order)]
-    slopes = [_relative_slope(p, baseline.parameters[p.symbol]) for p in parameters]
-    return np.asarray(own + np.diag(np.square(MODEL_ERROR * np.array(slopes))))
+        table = baseline.diagnostics.get("score_spread", {})
+        spread = np.array([max(1.0, table.get(p.symbol, 1.0)) for p in parameters])
+        own = own * spread[:, None] * spread
+    slopes = np.array([_relative_slope(p, baseline.parameters[p.symbol]) for p in parameters])
+    given = np.diagonal(own) <= 0
+    return np.asarray(own + np.diag(np.where(given, np.square(MODEL_ERROR * slopes), 0.0)))
 
 
 def _relative_slope(parameter: Parameter, value: float) -> float:

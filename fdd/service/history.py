@@ -65,8 +65,11 @@ class Run:
 
 
 def runs(plan: Plan, component: Component, history: History, shortest: int = 12) -> list[Run]:
-    """Cut a history into runs without gaps, with inputs held as the engine holds them and the gate on."""
-    u = held(history.time, history.of(component.inputs), plan.hold)
+    """Cut a history into runs without gaps, with the gate on; single lost inputs, and those within ``hold``, are bridged.
+
+    The engine can but hold them, or leave the step out, knowing nothing of what comes; here both ends are known.
+    """
+    u = bridged(history.time, history.of(component.inputs), max(plan.hold, plan.step))
     y = history.of(component.outputs)
     off = np.zeros(len(history), dtype=np.bool_)
     if component.when:
@@ -92,3 +95,14 @@ def held(time: IntArray, values: FloatArray, hold: int) -> FloatArray:
     filled = np.where(last >= 0, np.take_along_axis(values, np.maximum(last, 0), axis=0), np.nan)
     age = time[:, None] - time[np.maximum(last, 0)]
     return np.where(age <= hold, filled, np.nan)
+
+
+def bridged(time: IntArray, values: FloatArray, hold: int) -> FloatArray:
+    """Fill gaps that :func:`held` fills, by straight lines where the next value is known."""
+    filled = held(time, values, hold)
+    for column, full in zip(values.T, filled.T, strict=True):
+        seen = np.isfinite(column)
+        lost = ~seen & np.isfinite(full)
+        if seen.any() and lost.any():
+            full[lost] = np.interp(time[lost] - time[0], time[seen] - time[0], column[seen])
+    return filled

@@ -9,10 +9,10 @@ import numpy as np
 from fdd.records import FloatArray, JsonObject
 from fdd.residual_monitors.chart import Verdicts
 from fdd.residual_monitors.cusum import Cusum
-from fdd.residual_monitors.score import ALLOWANCE
+from fdd.residual_monitors.predictive import Uncertainty
 from fdd.service.chart_family import BoolArray, FamilyKind, Stream
 from fdd.service.filters import FilterGroup, GroupStep
-from fdd.service.granted import granted, physical
+from fdd.service.granted import physical
 from fdd.service.plan import Component, Plan
 
 
@@ -31,12 +31,12 @@ class InnovationCharts:
         self._carried = np.flatnonzero(np.array(carried, dtype=np.bool_))
         self._chart = Cusum.design([arl[s.component] for s in self.streams])
         self._groups, self._physical = tuple(groups), [physical(g) for g in groups]
-        self._inform()
+        self._uncertainty = Uncertainty(self._chart.limit, self._chart.k)
 
     def update(self, steps: Sequence[GroupStep]) -> Verdicts:
-        """Feed the standardised innovations; what the baselines' granted errors would move them by is forgiven."""
-        forgiven = [self._forgiven(i, step) for i, step in enumerate(steps)]
-        self._chart.forgive(np.concatenate([np.empty(0), *forgiven])[self._carried])
+        """Feed the standardised innovations; the reference widens with what the baselines' errors may move them by."""
+        moved = [self._moved(i, step) for i, step in enumerate(steps)]
+        self._chart.forgive(self._uncertainty.extra(np.concatenate([np.empty(0), *moved])[self._carried]))
         return self._chart.update(
             np.concatenate([np.empty(0), *(s.standardised.ravel() for s in steps)])[self._carried]
         )
@@ -46,19 +46,17 @@ class InnovationCharts:
 
         So an alarm that an innovation chart holds stands until it is cleared.
         """
-        self._inform()
         return np.zeros(len(self.streams), dtype=np.bool_)
 
-    def _inform(self) -> None:
-        """Take from the groups' baselines what is granted to them."""
-        self._granted = [np.stack([granted(g, b) for b in g.baselines]) for g in self._groups]
+    def _moved(self, index: int, step: GroupStep) -> FloatArray:
+        """Variance that the baseline's error gives the means of a group's innovations, a value an output.
 
-    def _forgiven(self, index: int, step: GroupStep) -> FloatArray:
-        """How far the means of a group's innovations may be off, a value an output [standard deviations]."""
+        Of a component with several outputs that of all together: which of them it moves is not known here.
+        """
         at = self._physical[index]
         information = np.nan_to_num(step.information[:, at[:, None], at])
-        variance = np.einsum("njk,njk->n", information, self._granted[index])
-        return np.repeat(ALLOWANCE * np.sqrt(np.maximum(variance, 0.0)), step.standardised.shape[1])
+        variance = np.einsum("njk,njk->n", information, self._groups[index].error)
+        return np.repeat(np.maximum(variance, 0.0), step.standardised.shape[1])
 
     def reset(self, which: BoolArray) -> None:
         """Start these streams again."""

@@ -79,6 +79,7 @@ class Plan:
     components: tuple[Component, ...]
     chillers: tuple[Chiller, ...] = ()
     tariffs: Mapping[str, float | str | None] = field(default_factory=dict)
+    learning: int = 28 * 86400 * NANOSECONDS
 
     @property
     def watched(self) -> tuple[Component | Chiller, ...]:
@@ -132,6 +133,7 @@ def plan_of(site: Site) -> Plan:
         step=_nanoseconds(site.step),
         lateness=_nanoseconds(site.lateness),
         max_gap=_nanoseconds(site.max_gap),
+        learning=_nanoseconds(site.learning),
         max_jump=_nanoseconds(site.max_jump),
         hold=_nanoseconds(site.hold),
         false_alarms_per_year=site.false_alarms_per_year * (1 - chillers_share(site)),

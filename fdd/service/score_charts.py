@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fdd.records import NANOSECONDS, JsonObject
+from fdd.records import NANOSECONDS, IntArray, JsonObject
 from fdd.residual_monitors.chart import Verdicts
 from fdd.residual_monitors.score import Score
 from fdd.service.chart_family import BoolArray, FamilyKind, Stream
@@ -20,6 +20,8 @@ ABSURD = 100.0
 NORMAL_95 = 1.96
 # A parameter whose relative standard error is beyond this is not worth a point on a plot.
 VAGUE = 0.5
+# What scores learn of a baseline's error moves the filter once it would show in a block by this squared share.
+WORTH = 0.01
 # A score block is longer than a filter's memory and shorter than the delay one wants.
 SCORE_BLOCK = 6 * 3600 * NANOSECONDS
 
@@ -43,10 +45,11 @@ class ScoreCharts:
             wanted,
             parameters=len(self._symbols),
             block=max(1, SCORE_BLOCK // plan.step),
+            enough=plan.learning / SCORE_BLOCK,
         )
-        self._inform()
+        self._inform(np.ones(len(group.components), dtype=np.bool_))
 
-    def _inform(self) -> None:
+    def _inform(self, rows: BoolArray) -> None:
         """Take from the baselines what each parameter's error and spread are, and which can be told."""
         baselines = self._group.baselines
         # A parameter that the baseline's data left open has no value to depart from.
@@ -57,13 +60,15 @@ class ScoreCharts:
                 for c, left in zip(self._group.components, open_, strict=True)
             ]
         )
-        self._chart.covariance = np.stack([granted(self._group, b) for b in baselines])
+        error = np.stack([granted(self._group, b) for b in baselines])
+        self._chart.depart(rows, error * self._told[:, :, None] * self._told[:, None, :])
+        self._group.error = self._chart.covariance
         spreads = [b.diagnostics.get("score_spread", {}) for b in baselines]
         self._chart.presume([spread.get(s, 1.0) for spread in spreads for s in self._symbols])
 
     def rebase(self, components: set[str]) -> BoolArray:
         """Start again: sums and history are departures from the old parameters and say nothing of the new ones."""
-        self._inform()
+        self._inform(np.array([c.name in components for c in self._group.components]))
         which = np.array([s.component in components for s in self.streams])
         self.reset(which)
         return which
@@ -77,7 +82,23 @@ class ScoreCharts:
         information = step.information[:, self._physical[:, None], self._physical]
         information = information * self._told[:, :, None] * self._told[:, None, :]
         score[hide], information[hide] = np.nan, np.nan
-        return self._chart.update_scores(score, information)
+        written = self._chart.written.copy()
+        verdicts = self._chart.update_scores(score, information)
+        self._adapt(np.flatnonzero(self._chart.written != written))
+        return verdicts
+
+    def _adapt(self, rows: IntArray) -> None:
+        """Move filters to what full blocks have taught of their parameters, where it would show."""
+        chart = self._chart
+        last = chart.past_information[rows, (chart.written[rows] - 1) % chart.history]
+        shown = np.einsum("ri,rij,rj->r", chart.offset[rows], last, chart.offset[rows])
+        rows = rows[shown > WORTH]
+        if rows.size:
+            by = chart.offset[rows].copy()
+            whole = np.zeros((rows.size, len(self._group.model.parameters)))
+            whole[:, self._physical] = by
+            self._group.move(rows, whole)
+            chart.moved(rows, by)
 
     def reset(self, which: BoolArray) -> None:
         """Start these streams again."""
@@ -99,14 +120,14 @@ class ScoreCharts:
         All may have moved together; the interval holds the baseline's error too. Natural scale and unit.
         """
         found = []
-        for i, (component, baseline) in enumerate(zip(self._group.components, self._group.baselines, strict=True)):
+        for i, (component, now) in enumerate(zip(self._group.components, self._group.parameters, strict=True)):
             change = self._chart.estimate(i, updates, self._chart.covariance[i])
             for j, symbol in enumerate(self._symbols):
                 error = float(change.joint_error[j])
                 if not self._told[i, j] or not np.isfinite(error) or (error > VAGUE and self._log[j]):
                     continue
                 ends = float(change.joint[j]) + NORMAL_95 * error * np.array([0.0, -1.0, 1.0])
-                at = baseline.parameters[symbol]
+                at = now[self._physical[j]]
                 value, low, high = (at * np.exp(ends) if self._log[j] else at + ends).tolist()
                 found.append((f"{component.name}/{symbol}", value, low, high))
         return found
@@ -118,6 +139,7 @@ class ScoreCharts:
     def restore_state(self, state: JsonObject) -> None:
         """Continue where :meth:`export_state` stood."""
         self._chart.restore_state(state)
+        self._group.error = self._chart.covariance
 
 
 def _carried(group: FilterGroup, component: Component) -> int:
