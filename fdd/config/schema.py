@@ -209,7 +209,7 @@ class Site(Strict):
     max_gap: Duration = Field(default=3600.0, description="a longer silence restarts a component's filter")
     learning: Duration = Field(
         default=28 * 86400.0,
-        description="so much of present data teaches what a baseline leaves open; what is known better is never relearned",
+        description="so much of present data teaches what a baseline leaves open",
     )
     max_jump: Duration = Field(
         default=7 * 86400.0, description="a sample further ahead is a clock error until confirmed"

@@ -43,7 +43,8 @@ class Uncertainty:
         pairs = np.stack([h, np.broadcast_to(np.asarray(k, dtype=np.float64), h.shape)], axis=1)
         unique, back = np.unique(pairs, axis=0, return_inverse=True)
         sd = np.arange(0.0, LAST + STEP / 2, STEP)
-        self._table = np.round([_extra(sd, float(a), float(b)) for a, b in unique], 6)
+        rows = [_extra(sd, float(a), float(b)) for a, b in unique]
+        self._table = np.round(np.reshape(rows, (len(unique), sd.size)), 6)
         self._row = back.reshape(-1)
 
     def extra(self, variance: FloatArray, which: ArrayLike | None = None) -> FloatArray:

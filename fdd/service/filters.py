@@ -205,7 +205,7 @@ class FilterGroup:
 def _whitener(baselines: Sequence[Baseline], outputs: Sequence[str]) -> Whitener:
     """Takes out what colour, mean and scale the innovations had on their baselines; nothing where these are unknown.
 
-    A mean under given parameters, not fitted ones, is what these are off by: their filters learn that, and it goes away.
+    A mean under parameters that were given is what these are off by: filters learn that, and it goes away.
     """
     table = [
         {**b.innovation.get(symbol, {}), **({} if b.covariance else {"mean": 0.0})}

@@ -65,7 +65,7 @@ class Run:
 
 
 def runs(plan: Plan, component: Component, history: History, shortest: int = 12) -> list[Run]:
-    """Cut a history into runs without gaps, with the gate on; single lost inputs, and those within ``hold``, are bridged.
+    """Cut a history into runs without gaps, with the gate on; lost inputs are bridged, single ones or within ``hold``.
 
     The engine can but hold them, or leave the step out, knowing nothing of what comes; here both ends are known.
     """

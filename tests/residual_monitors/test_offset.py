@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 from numpy.random import default_rng
+from numpy.typing import NDArray
 
+from fdd.records import FloatArray
 from fdd.residual_monitors.predictive import Uncertainty, siegmund_rate
 from fdd.residual_monitors.run_length import Rule, arl, false_alarm_rate, limit_for
 from fdd.residual_monitors.score import Score
@@ -26,7 +28,7 @@ def test_widened_reference_keeps_the_average_rate(sd: float) -> None:
     assert false_alarm_rate(Rule("cusum", k=0.5), limit, sd) * 5000.0 > (1.1 if sd < 0.1 else 1.9)
 
 
-def _blocks(chart: Score, error: np.ndarray, first: int, blocks: int, seed: int) -> np.ndarray:  # type: ignore[type-arg]
+def _blocks(chart: Score, error: FloatArray, first: int, blocks: int, seed: int) -> NDArray[np.bool_]:
     """Feed blocks of a baseline that is off by ``error`` (n, p); returns which streams have rung."""
     rng, (n, p) = default_rng(seed), error.shape
     rang = np.zeros(n * p, dtype=bool)
@@ -63,7 +65,7 @@ def test_what_is_learned_is_frozen_and_a_later_fault_is_found() -> None:
     _blocks(chart, error, 0, BLOCKS, 4)
     known = chart.offset.copy()
     chart.reset()
-    assert _blocks(chart, error + [0.3, 0.0], BLOCKS, 60, 5).reshape(n, 2)[:, 0].mean() > 0.95
+    assert _blocks(chart, error + np.array([0.3, 0.0]), BLOCKS, 60, 5).reshape(n, 2)[:, 0].mean() > 0.95
     assert np.abs(chart.offset - known).max() < 0.05
 
 
