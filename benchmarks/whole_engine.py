@@ -28,6 +28,7 @@ from fdd.plant.site import demo_site
 from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, FloatArray, IntArray, Quality
 from fdd.residual_monitors.budget import YEAR
 from fdd.service.alarms import Command
+from fdd.service.charting import FAMILIES
 from fdd.service.engine import Engine
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.history import History
@@ -40,6 +41,7 @@ SAMPLES_A_DAY = 288
 BUDGET = {"known": 60.0, "fitted": 60.0, "model_off": 60.0, "default": 2.0}
 MODEL_ERROR = 0.01
 LOST, SILENCES, SILENCE = 0.0, 12.0, (0.2, 12.0)  # share of samples; a year; shortest and longest [h]
+PLANT = 1.0 - sum(kind.share for kind in FAMILIES)  # what families with a budget of their own leave to the others
 ROWS = 72  # frames a batch
 
 
@@ -230,7 +232,7 @@ def counts(fleet: Fleet, sets: Sequence[str], budget: dict[str, float], alarms: 
     years = fleet.plants * fleet.watched()
     found = {}
     for which in sets:
-        own = [a for a in alarms if a.component.startswith(f"{which}/")]
-        promised = {k: v * budget[which] * years for k, v in charts.items()}
+        own = [a for a in alarms if a.component.startswith(f"{which}/") and a.charts[0].endswith((":cusum", ":score"))]
+        promised = {k: v * PLANT * budget[which] * years for k, v in charts.items()}
         found[which] = Count(Counter(a.charts[0].rpartition(":")[2] for a in own), promised)
     return found

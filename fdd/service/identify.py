@@ -12,6 +12,7 @@ from fdd.greybox.fit import fit
 from fdd.greybox.likelihood import Data
 from fdd.greybox.results import FitResult
 from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
+from fdd.residual_monitors.information import inverse
 from fdd.residual_monitors.whiten import Whitener
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.health_charts import window_of, window_statistics
@@ -159,9 +160,11 @@ def score_spread(plan: Plan, component: Component, steps: Sequence[GroupStep]) -
         return {}
     p = len(component.model.parameters)
     score = np.array([s.score[0] for s in charted[: n * block]]).reshape(n, block, p).sum(axis=1)
-    information = (
-        np.array([np.diagonal(s.information[0]) for s in charted[: n * block]]).reshape(n, block, p).sum(axis=1)
-    )
+    full = np.array([s.information[0] for s in charted[: n * block]]).reshape(n, block, p, p).sum(axis=1)
+    # What given parameters are off by on the whole is not spread; of fitted ones it is next to nothing.
+    offset = inverse(full.sum(axis=0))[0] @ score.sum(axis=0)
+    score = score - full @ offset
+    information = np.diagonal(full, axis1=1, axis2=2)
     z = np.where(information > 0, score / np.sqrt(np.where(information > 0, information, 1.0)), 0.0)
     spread = np.maximum(1.0, np.sqrt(np.mean(np.square(z), axis=0)))
     return {q.symbol: float(v) for q, v in zip(component.model.parameters, spread, strict=True)}
