@@ -28,7 +28,6 @@ from fdd.plant.site import demo_site
 from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, FloatArray, IntArray, Quality
 from fdd.residual_monitors.budget import YEAR
 from fdd.service.alarms import Command
-from fdd.service.charting import FAMILIES
 from fdd.service.engine import Engine
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.history import History
@@ -41,7 +40,6 @@ SAMPLES_A_DAY = 288
 BUDGET = {"known": 60.0, "fitted": 60.0, "model_off": 60.0, "default": 2.0}
 MODEL_ERROR = 0.01
 LOST, SILENCES, SILENCE = 0.0, 12.0, (0.2, 12.0)  # share of samples; a year; shortest and longest [h]
-PLANT = 1.0 - sum(kind.share for kind in FAMILIES)  # what families with a budget of their own leave to the others
 ROWS = 72  # frames a batch
 
 
@@ -152,7 +150,7 @@ def settled(fleet: Fleet, sets: list[dict[str, Baseline]]) -> list[dict[str, Bas
         for plant, name in enumerate(names):
             own = [_only(s, plant) for s in steps]
             spread = {**bare[name].diagnostics, "score_spread": score_spread(fleet.plan, kind, own)}
-            statistics = innovation_statistics(kind, own, fleet.plan.step)
+            statistics = innovation_statistics(kind, own)
             done[plant][kind.name] = replace(bare[name], innovation=statistics, diagnostics=spread)
     return done
 
@@ -233,6 +231,6 @@ def counts(fleet: Fleet, sets: Sequence[str], budget: dict[str, float], alarms: 
     found = {}
     for which in sets:
         own = [a for a in alarms if a.component.startswith(f"{which}/") and a.charts[0].endswith((":cusum", ":score"))]
-        promised = {k: v * PLANT * budget[which] * years for k, v in charts.items()}
+        promised = {k: v * budget[which] * years for k, v in charts.items()}
         found[which] = Count(Counter(a.charts[0].rpartition(":")[2] for a in own), promised)
     return found
