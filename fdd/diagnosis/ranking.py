@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from fdd.diagnosis.departure import Departure
+from fdd.diagnosis.measured import measured_causes
 from fdd.models.declare import ComponentModel, Fault
 from fdd.records import Alarm, JsonObject
 
@@ -42,7 +44,7 @@ class _Signs:
     parameters: Mapping[str, int]
 
 
-def diagnose(model: ComponentModel, alarm: Alarm) -> Finding:
+def diagnose(model: ComponentModel, alarm: Alarm, departure: Departure | None = None) -> Finding:
     """Likely causes of an alarm, ranked, with what speaks for and against each.
 
     Parameters
@@ -50,14 +52,21 @@ def diagnose(model: ComponentModel, alarm: Alarm) -> Finding:
     model : the component's declaration; its fault table gives the hypotheses
     alarm : with ``evidence["charts"]``, chart name to ``symbol``, ``direction`` and, from score charts, ``change`` and
         ``standard_error``
+    departure : how parameters and innovations have moved since the onset; where the model has measured signatures,
+        causes are ranked by its likelihood under each, otherwise by the signs of the charts that rang
     """
     charts = list(alarm.evidence["charts"].values())
     signs = _signs(model, charts)
-    ranked = sorted((_judge(fault, signs) for fault in model.faults), key=lambda c: -float(c["likelihood"]))
-    total = sum(float(c["likelihood"]) for c in ranked) or 1.0
-    causes = tuple({**c, "likelihood": round(float(c["likelihood"]) / total, 3)} for c in ranked)
+    causes = measured_causes(model, departure) if departure is not None else ()
+    causes = causes or _declared_causes(model, signs)
     checks = tuple(dict.fromkeys(check for cause in causes[:3] for check in cause["checks"]))
     return Finding(_summary(model, alarm, signs, causes), causes, checks, severity(charts))
+
+
+def _declared_causes(model: ComponentModel, signs: _Signs) -> tuple[JsonObject, ...]:
+    ranked = sorted((_judge(fault, signs) for fault in model.faults), key=lambda c: -float(c["likelihood"]))
+    total = sum(float(c["likelihood"]) for c in ranked) or 1.0
+    return tuple({**c, "likelihood": round(float(c["likelihood"]) / total, 3)} for c in ranked)
 
 
 def severity(charts: list[JsonObject]) -> str:

@@ -234,7 +234,7 @@ class Engine:
         else:
             model = self._components[alarm.component].model
             departure = self._recent.departure(alarm.component, alarm.since, alarm.updated)
-            finding = diagnose(model, without_frozen(alarm))
+            finding = diagnose(model, without_frozen(alarm), departure)
             operation = self._recent.operation(alarm.component, alarm.updated)
             cost = daily_cost(model, departure, operation, finding.causes, self.plan.tariffs)
             alarm = replace(

@@ -1,0 +1,167 @@
+"""Faults on simulated plants, watched by the service's engine: what evidence each leaves behind.
+
+The district-heated house gives exchanger, radiators and building; a heated room gives the single zone. A fault begins
+in the middle of the third day and stands; the evidence is what the engine remembers four and a half days later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from fdd.config import load_site
+from fdd.diagnosis.departure import Departure
+from fdd.plant.district import POINTS, district_plant, outside
+from fdd.plant.faults import PlantFault, effects
+from fdd.plant.scenario import WARM_UP, Scenario, points
+from fdd.plant.simulate import Change, SensorFault, Simulator
+from fdd.plant.site import demo_site
+from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, FloatArray
+from fdd.service.engine import Engine
+from fdd.service.history import History
+from fdd.service.identify import identify
+from fdd.service.plan import Plan, plan_of
+
+DAY = 86400.0
+DAYS, ONSET = 7.0, 2.5
+LEARNING = 14.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fault of a plant.
+
+    ``component`` is what is at fault and ``name`` the cause that its diagnosis shall name; ``point`` the measurement of
+    a faulty instrument. ``change`` is a parameter that no kind of plant fault changes.
+    """
+
+    component: str
+    name: str
+    size: float
+    unit: str
+    fault: PlantFault | None = None
+    change: str = ""
+
+    @property
+    def point(self) -> str:
+        """The point of a faulty instrument, "" for the plant's own faults."""
+        return self.fault.target if self.fault and self.fault.target in district_plant().sensors else ""
+
+
+def _plant(kind: str, component: str, size: float) -> Case:
+    return Case(component, kind, size, "share", PlantFault(kind, component, ONSET * DAY, size))
+
+
+def _sensor(point: str, kind: str, size: float) -> list[Case]:
+    owner = point.partition(".")[0]
+    unit = "share" if kind == "scaling" else "K"
+    return [Case(owner, kind, s, unit, PlantFault(kind, point, ONSET * DAY, s)) for s in (size, -size)]
+
+
+def cases() -> list[Case]:
+    """All faults of the house, both signs of an instrument's."""
+    found = [_plant("fouling", "hx", s) for s in (0.1, 0.3)]
+    for w in ("south", "north"):
+        found += [_plant(k, f"radiator-{w}", 0.3) for k in ("air", "sludge")]
+        found.append(Case("building", f"open-window-{w}", 0.3, "share", None, f"building.B_out_{w}"))
+        found += _sensor(f"building.T_{w}", "bias", 0.5)
+    found += [c for p in ("T_hot_out", "T_cold_out", "T_hot_in", "T_cold_in") for c in _sensor(f"hx.{p}", "bias", 0.8)]
+    found += [c for p in ("m_flow_hot", "m_flow_cold") for c in _sensor(f"hx.{p}", "scaling", 0.05)]
+    found += _sensor("radiator-south.T_return", "bias", 0.8)
+    found += _sensor("radiator-south.m_flow", "scaling", 0.05)
+    found += _sensor("weather.T_out", "bias", 1.5)
+    return found
+
+
+def house(seed: int, case: Case | None, days: float = DAYS) -> tuple[Scenario, FloatArray]:
+    """Measured points of the house, (n, n_points)."""
+    faults = () if case is None or case.fault is None else (case.fault,)
+    scenario = Scenario(days=days, seed=seed, faults=faults)
+    plant, warm = district_plant(), round(WARM_UP * DAY / scenario.step)
+    time = scenario.first + np.arange(-warm, scenario.samples, dtype=np.int64) * round(scenario.step * NANOSECONDS)
+    seconds = (time - scenario.first) / NANOSECONDS
+    changes, sensors = effects(plant, scenario.faults, seconds)
+    if case is not None and case.change:
+        owner, _, symbol = case.change.rpartition(".")
+        value = plant.components[owner].parameters[symbol]
+        changes = [
+            *changes,
+            Change(case.change, np.asarray(value * (1 + case.size * (seconds >= ONSET * DAY)), dtype=np.float64)),
+        ]
+    return scenario, _run(seed, plant, scenario, time, changes, sensors)[warm:]
+
+
+def _run(
+    seed: int, plant: Any, scenario: Scenario, time: Any, changes: list[Change], sensors: list[SensorFault]
+) -> FloatArray:
+    weather_seed, plant_seed = np.random.SeedSequence(seed).generate_state(2)
+    signals = outside(time, np.random.default_rng(weather_seed))
+    simulator = Simulator(plant, scenario.step, int(plant_seed))
+    return np.concatenate([b.measured for b in simulator.run(signals, changes, sensors)])
+
+
+@cache
+def learned(seed: int) -> tuple[Plan, dict[str, Baseline]]:
+    """The house's plan, and baselines fitted to two weeks of its healthy life."""
+    with TemporaryDirectory() as folder:
+        plan = plan_of(load_site(demo_site(Path(folder))))
+    scenario, values = house(seed, None, LEARNING)
+    history = History(plan.columns, scenario.times(), plan.derive(values))
+    return plan, {c.name: identify(plan, c, history)[0] for c in plan.components}
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the engine made of a run: evidence by component, every alarm in its last state."""
+
+    departures: dict[str, Departure]
+    alarms: dict[str, Alarm]
+    onset: int
+
+
+def watch(seed: int, case: Case | None, baselines: int) -> Seen:
+    """Simulate one case and run the engine over it."""
+    plan, fitted = learned(baselines)
+    scenario, values = house(seed, case)
+    engine = Engine(plan, fitted)
+    alarms: dict[str, Alarm] = {}
+    for batch in batches(scenario.times(), values, points()):
+        alarms |= {a.key: a for a in engine.step(batch).alarms}
+    onset = scenario.first + round(ONSET * DAY * NANOSECONDS)
+    end = int(scenario.times()[-1])
+    seen = {c.name: engine.departure(c.name, onset, end) for c in plan.components}
+    return Seen(seen, alarms, onset)
+
+
+def batches(time: Any, values: FloatArray, names: Sequence[str]) -> list[Batch]:
+    """Samples of half a day each."""
+    found = []
+    for start in range(0, len(time), 144):
+        t, v = time[start : start + 144], values[start : start + 144]
+        found.append(
+            Batch(
+                names=tuple(names),
+                point=np.tile(np.arange(len(names), dtype=np.int32), len(t)),
+                time=np.repeat(t, len(names)),
+                value=v.ravel(),
+                quality=np.zeros(v.size, dtype=np.uint8),
+            )
+        )
+    return found
+
+
+def where(component: str, point: str) -> str:
+    """The symbol under which a component reads a point; "" where it does not."""
+    return next((s for s, p in POINTS[component].items() if p == point), "")
+
+
+def smaller(case: Case, share: float) -> Case:
+    """The same fault, less of it."""
+    fault = None if case.fault is None else replace(case.fault, severity=case.fault.severity * share)
+    return replace(case, size=case.size * share, fault=fault)

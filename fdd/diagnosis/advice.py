@@ -1,0 +1,62 @@
+"""What to measure, and the reading to expect if this is the cause and if it is not: so that causes are told apart.
+
+Each line reads ``what to do: what it shows``; reports split it there.
+"""
+
+from __future__ import annotations
+
+from fdd.diagnosis.hypotheses import Hypothesis
+
+CHECKS: dict[str, tuple[str, ...]] = {
+    "fouling": (
+        "Compare primary return with secondary return at the exchanger: several kelvin apart if fouled, "
+        "as at commissioning if an instrument is wrong",
+        "Read the pressure drop of both sides at a known flow: above the data sheet if fouled, on it if not",
+        "Compare the heat given off by the primary with that taken up by the secondary: equal within 3 % if fouled, "
+        "apart if a meter or sensor is wrong",
+    ),
+    "air": (
+        "Feel the top of the radiator: cold if there is air, warm all over if not",
+        "Bleed it: air comes out, and the return is back at its expected reading within an hour; water at once if not",
+        "Read the system pressure: below its set value where air is drawn in",
+    ),
+    "sludge": (
+        "Feel the lower middle of the radiator: cold if there is sludge, warm if not",
+        "Open the valve fully and read the flow: clearly below its design if there is sludge, at its design if not",
+    ),
+    "covered": ("Look whether furniture or curtains hinder the air: a hand's breadth is free all round if not",),
+    "open-window": (
+        "Look for windows and doors that stand open in the room: shut, if the envelope is not the cause",
+        "Read the ventilation's schedule and supply temperature: as in the schedule, if it is not the cause",
+    ),
+    "heater": (
+        "Compare the heat meter with flow and temperatures at the heater: equal within 5 % if the heater is well",
+    ),
+    "stuck": ("Warm the sensor with a hand: its reading follows within minutes unless it is stuck",),
+}
+
+
+def advice(h: Hypothesis, size: float) -> tuple[str, ...]:
+    """Checks for one cause; ``size`` is its estimated extent in the hypothesis' unit."""
+    base = h.name.rpartition("-")[0] if h.name.startswith("open-window-") else h.name
+    if h.kind == "component":
+        return CHECKS.get(base, h.checks)
+    if h.where:
+        return (_instrument(h, size),)
+    return h.checks or CHECKS.get(base, ())
+
+
+def _instrument(h: Hypothesis, size: float) -> str:
+    """The reading of a reference instrument, with how far off it should be."""
+    what = h.meaning.partition(" of the ")[2].partition(" reads")[0].partition(" keeps")[0]
+    if h.unit == "share":
+        side = "less" if size > 0 else "more"
+        return (
+            f"Hold a clamp-on meter against the {what}: about {abs(size):.0%} {side} than the installed meter shows if "
+            "the meter is wrong, within 2 % of it if not"
+        )
+    side = "lower" if size > 0 else "higher"
+    return (
+        f"Compare the {what} with a reference thermometer in the same place: about {abs(size):.1f} K {side} than the "
+        "installed sensor shows if the sensor is wrong, within 0.2 K of it if not"
+    )

@@ -1,0 +1,81 @@
+"""Causes ranked by the likelihood of a departure made by hand from physics, not from the signatures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fdd.diagnosis.departure import Departure
+from fdd.diagnosis.measured import measured_causes
+from fdd.models.registry import get_model
+from fdd.plant.district import models
+from fdd.records import FloatArray
+
+
+def departure(component: str, shift: dict[str, float], mean: dict[str, float], jump: dict[str, float]) -> Departure:
+    """Parameters seen with a standard error of 1 % each for themselves, a thousand samples of each output."""
+    model = models()[component]
+    physical = [p for p in model.parameters if p.kind == "physical"]
+    symbols = tuple(p.symbol for p in physical)
+    information = np.eye(len(symbols)) * 1e4
+
+    def column(table: dict[str, float], order: tuple[str, ...]) -> FloatArray:
+        return np.array([table.get(s, 0.0) for s in order])
+
+    outputs = model.symbols["outputs"]
+    return Departure(
+        symbols=symbols,
+        values=np.array([p.typical for p in physical]),
+        score=information @ column(shift, symbols),
+        information=information,
+        spread=np.ones(len(symbols)),
+        baseline=np.eye(len(symbols)) * 1e-4,
+        outputs=outputs,
+        innovation=1000 * column(mean, outputs),
+        count=np.full(len(outputs), 1000.0),
+        jump=column(jump, outputs),
+    )
+
+
+@pytest.mark.parametrize(
+    ("component", "shift", "mean", "jump", "name", "where"),
+    [
+        # More heat leaves the south room, which is colder than foretold; the other room does not notice.
+        ("building", {"B_out_south": 0.25}, {"T_south": -1.2}, {}, "open-window-south", ""),
+        # The reading of one room jumps, and its neighbour seems to lose heat to it.
+        ("building", {"B_out_south": -0.06}, {"T_south": 0.35, "T_north": -0.1}, {"T_south": 11.0}, "bias-south",
+         "T_south"),
+        # One outlet alone is off: heat given off and taken up no longer agree.
+        ("hx", {"C": -0.05, "y": -0.1}, {"T_cold_out": 10.0}, {"T_cold_out": 12.0}, "bias", "T_cold_out"),
+    ],
+)  # fmt: skip
+def test_physics_made_by_hand_is_rightly_named(
+    component: str, shift: dict[str, float], mean: dict[str, float], jump: dict[str, float], name: str, where: str
+) -> None:
+    causes = measured_causes(models()[component], departure(component, shift, mean, jump))
+    assert (causes[0]["name"], causes[0]["where"]) == (name, where), causes
+    assert causes[0]["likelihood"] > 0.5
+    assert causes[0]["checks"]
+    assert all(": " in check for check in causes[0]["checks"])
+
+
+def test_likelihoods_with_that_of_the_model_add_up_to_one() -> None:
+    causes = measured_causes(models()["building"], departure("building", {"B_out_south": 0.25}, {"T_south": -1.2}, {}))
+    assert sum(c["likelihood"] for c in causes) == pytest.approx(1.0, abs=0.03)
+
+
+def test_what_no_signature_explains_is_told_as_such() -> None:
+    strange = departure("radiator-south", {"C": 0.9, "H": -0.9}, {"T_return": -6.0}, {})
+    causes = measured_causes(models()["radiator-south"], strange)
+    assert causes[0]["name"] == "model"
+
+
+def test_a_model_that_nobody_measured_is_left_to_its_declared_signs() -> None:
+    pump = get_model("pump")
+    p = [q for q in pump.parameters if q.kind == "physical"]
+    n = len(p)
+    seen = Departure(
+        tuple(q.symbol for q in p), np.ones(n), np.zeros(n), np.eye(n), np.ones(n), np.zeros((n, n)),
+        pump.symbols["outputs"], np.ones(2), np.ones(2), np.zeros(2),
+    )  # fmt: skip
+    assert measured_causes(pump, seen) == ()
