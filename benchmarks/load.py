@@ -142,6 +142,7 @@ def measure(
         "lost": len(plan.points) * seconds - stored(),
         "growth_mb": float(memory[-settled:].max() - memory[:settled].max()) / 1e6,
         "memory_mb": [round(m / 1e6) for m in memory[:: max(1, seconds // 18)]],
+        "settled": seconds >= 3 * SETTLED_SECONDS,  # a shorter run's growth is its first checkpoint
         "alarms": len(engine.alarms.open),
     }
 

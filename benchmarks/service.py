@@ -109,7 +109,9 @@ def load_figures(found: dict[str, Any]) -> dict[str, Any]:
             f"lost{suffix}" if suffix else "lost": figure(
                 r["lost"] if suffix else lost, "points", "0", (r["lost"] if suffix else lost) == 0
             ),
-            f"rss_growth_mb{suffix}": figure(r["growth_mb"], "MB", f"< {GROWTH_MB:g}", r["growth_mb"] < GROWTH_MB),
+            f"rss_growth_mb{suffix}": figure(
+                r["growth_mb"], "MB", f"< {GROWTH_MB:g}", r["growth_mb"] < GROWTH_MB if r["settled"] else None
+            ),
         }
     return figures
 
