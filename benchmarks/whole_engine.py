@@ -150,7 +150,7 @@ def settled(fleet: Fleet, sets: list[dict[str, Baseline]]) -> list[dict[str, Bas
         for plant, name in enumerate(names):
             own = [_only(s, plant) for s in steps]
             spread = {**bare[name].diagnostics, "score_spread": score_spread(fleet.plan, kind, own)}
-            statistics = innovation_statistics(kind, own)
+            statistics = innovation_statistics(kind, own, fleet.plan.step)
             done[plant][kind.name] = replace(bare[name], innovation=statistics, diagnostics=spread)
     return done
 
