@@ -19,7 +19,8 @@ TESTS = {
 def of_model(alarm: Alarm) -> Alarm:
     """The words of an alarm of the model's health."""
     charts = list(alarm.evidence["charts"].values())
-    why = " and ".join(dict.fromkeys(f"{TESTS[c['test']]} ({c['symbol']})" for c in charts))
+    by_test = {test: [c["symbol"] for c in charts if c["test"] == test] for test in TESTS}
+    why = "; ".join(f"{TESTS[t]} ({', '.join(dict.fromkeys(s))})" for t, s in by_test.items() if s)
     cause: JsonObject = {
         "name": "model",
         "meaning": "the model no longer describes this component",

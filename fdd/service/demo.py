@@ -110,7 +110,7 @@ class DemoResult:
         else:
             lines.append(f"Planted:  {self.fault} on {self.component}, from {self.opened.local(self.onset)}")
         for a in self.alarms:
-            lines.append(f"Alarm:    {a['raised_local']}  {a['summary']}  [{a['state']}]")
+            lines.append(f"Alarm:    {a['raised_local']}  {a['summary']} ({a['state']})")
         if not self.alarms:
             lines.append("Alarms:   none")
         if self.hits and self.onset is not None:

@@ -1,4 +1,4 @@
-"""Charts of frozen readings: one for every point that a filter reads, whichever role it has.
+"""Charts of frozen readings: one for every output of a filter, and for every input that is a temperature.
 
 A point that several components read is charted once, for the component whose output it is, else for the first that
 reads it: the alarm's point suppresses what else is upset by it. What a point's healthy runs of equal readings are comes
@@ -21,6 +21,7 @@ from fdd.service.plan import Component, Plan
 
 # Share of the plant's false alarms that frozen readings may give: runs get rare so fast that little is enough.
 SHARE = 0.02
+TEMPERATURE = "degC"
 # What stands for the limit of a point without a baseline of its own; it is fed nothing.
 UNKNOWN = Stillness(readings=1, runs=1, longest=0, tail=0, exceed=1, excess=0, low=-np.inf, high=np.inf)
 
@@ -115,8 +116,11 @@ class StillCharts:
 def _places(groups: Sequence[FilterGroup]) -> Iterator[_Place]:
     for g, group in enumerate(groups):
         for row, c in enumerate(group.components):
-            for column, (symbol, point) in enumerate(zip(_symbols(c), (*c.outputs, *c.inputs), strict=True)):
-                yield _Place(g, row, column, symbol, point)
+            quantities = (*c.model.outputs, *c.model.inputs)
+            for column, (q, point) in enumerate(zip(quantities, (*c.outputs, *c.inputs), strict=True)):
+                # A temperature is never at rest; a power, a flow, an opening or the sun may well be, for days.
+                if column < len(c.model.outputs) or q.unit == TEMPERATURE:
+                    yield _Place(g, row, column, q.symbol, point)
 
 
 def _carried(group: FilterGroup, component: Component) -> int:
