@@ -70,6 +70,13 @@ class Objective:
         penalty, slope, curve = self.penalty(values)
         return e.value + penalty, gradient + slope, information + np.diag(curve)
 
+    def gradient(self, theta: FloatArray) -> FloatArray:
+        """The gradient alone, which costs less; not finite where there is no likelihood."""
+        values = self.natural(theta)
+        e = self.likelihood.evaluate(values, information=False)
+        slope = e.gradient[self.free] + self.penalty(values)[1]
+        return slope if math.isfinite(e.value) else np.full(len(theta), np.nan)
+
     def penalty(self, values: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Negative log prior density with slope and (positive) curvature on the transform scale."""
         slope, curve, total = np.zeros(len(self.free)), np.zeros(len(self.free)), 0.0
@@ -231,13 +238,12 @@ def _scattered(
 
 def _polished(objective: Objective, theta: FloatArray, bounds: FloatArray, unit: FloatArray) -> Optimum:
     """Search with substeps as they suit the start, again where the optimum needs others, and past blind noise."""
-    objective.likelihood.choose_substeps(objective.natural(theta))
-    found = _minimised(objective, theta, bounds, unit, 1.0)
+    found = _minimised(objective, _with_enough_noise(objective, theta, bounds), bounds, unit, 1.0)
     for _ in range(3):
         if not math.isfinite(found.value) or not objective.likelihood.choose_substeps(objective.natural(found.theta)):
             break
         count = found.evaluations
-        found = _minimised(objective, found.theta, bounds, unit, 0.1)
+        found = _minimised(objective, _with_enough_noise(objective, found.theta, bounds), bounds, unit, 0.1)
         found = replace(found, evaluations=found.evaluations + count)
     for _ in range(2):
         other = _past_blind_noise(objective, theta, found, bounds, unit)
@@ -247,6 +253,31 @@ def _polished(objective: Objective, theta: FloatArray, bounds: FloatArray, unit:
     return found
 
 
+def _with_enough_noise(objective: Objective, theta: FloatArray, bounds: FloatArray) -> FloatArray:
+    """The start with all noise raised together for as long as that makes the data more likely; substeps to suit.
+
+    Scaled together the noises leave a filter's gains as they are, so that this only makes the innovations' spread what
+    the start foretells. Where that is far too little, the likelihood is steep and rough, or does not exist at all.
+    """
+    noise = np.array([q.kind == "noise" for q in objective.rows])
+    best, chosen = math.inf, theta
+    for factor in range(9 if noise.any() else 1):  # up to e^8
+        raised = np.clip(theta + factor * noise, bounds[:, 0], bounds[:, 1])
+        value = _value_with_substeps(objective, raised)
+        if value < best:
+            best, chosen = value, raised
+        elif math.isfinite(value):
+            break
+    objective.likelihood.choose_substeps(objective.natural(chosen))
+    return chosen
+
+
+def _value_with_substeps(objective: Objective, theta: FloatArray) -> float:
+    values = objective.natural(theta)
+    objective.likelihood.choose_substeps(values)
+    return objective.likelihood.value(values)
+
+
 def _minimised(objective: Objective, theta: FloatArray, bounds: FloatArray, unit: FloatArray, radius: float) -> Optimum:
     """Fisher scoring; where that oscillates, as it does for models that do not fit, Newton's method ends it."""
     found = minimise(objective, theta, bounds[:, 0], bounds[:, 1], scale=unit, radius=radius, most=80)
@@ -254,6 +285,8 @@ def _minimised(objective: Objective, theta: FloatArray, bounds: FloatArray, unit
         if found.converged or not math.isfinite(found.value):
             break
         curvature = observed_information(objective, found.theta)
+        if not np.isfinite(curvature).all():
+            break
         count = found.evaluations
         found = minimise(
             objective, found.theta, bounds[:, 0], bounds[:, 1], scale=unit, radius=0.5, most=30, curvature=curvature
@@ -284,13 +317,13 @@ def _past_blind_noise(
 
 
 def observed_information(objective: Objective, theta: FloatArray) -> FloatArray:
-    """Second derivatives of the objective from central differences of exact gradients."""
+    """Second derivatives of the objective from central differences of exact gradients, not finite at its edge."""
     k = len(theta)
     H = np.empty((k, k))
     for i in range(k):
         step = np.zeros(k)
         step[i] = 1e-4 * max(1.0, abs(theta[i]) * 1e-2)
-        H[i] = (objective(theta + step)[1] - objective(theta - step)[1]) / (2 * step[i])
+        H[i] = (objective.gradient(theta + step) - objective.gradient(theta - step)) / (2 * step[i])
     return np.asarray(0.5 * (H + H.T))
 
 
