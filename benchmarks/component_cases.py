@@ -72,17 +72,30 @@ CASES = {
     "pump": Case("pump", {"fixed": {"P_0": 5.0}}, 10.0, {"speed": (0.4, 1.0), "m_flow": (0.2, 1.8)}),
     "control_valve": Case("control_valve", {"fixed": {"leak": 1e-3}}, 5.0, {"opening": (0.05, 1.0), "dp": (5e3, 6e4)}),
     "relief_valve": Case("relief_valve", {"fixed": {"leak": 1e-3}}, 2.0, {"dp": (1e4, 3e4)}),
+    # Below zero: the fan stands, a valve is closed. What a site knows from plates and drawings is given.
+    "air_handler": Case(
+        "air_handler",
+        {"fixed": {"T_cold": 7.0, "T_hot": 60.0, "gamma_cool": 1.0, "gamma_heat": 2.0, "n_air": 2.0, "e_heat": 0.4,
+                   "r": 0.02, "k_0": 2e-4, "k_h": 5e-4, "s_off": 0.1, "f_fan": 1.3, "tau_c": 7200.0, "sigma_c": 2e-3,
+                   "bias_mixed": 0.0, "bias_supply": 0.0}},
+        60.0,
+        {"T_out": (-5, 30), "T_return": (21, 25), "damper": (0, 1), "fan": (-0.5, 1.0), "cool": (-1.0, 1.0),
+         "heat": (-1.0, 1.0)},
+        {"leak_heat": 0.02, "leak_cool": 0.02}, rows=3000, dwell=40,
+    ),
 }  # fmt: skip
 
 
 def excitation(case: Case, model: ComponentModel, rng: np.random.Generator) -> dict[str, FloatArray]:
-    """Levels between the limits that change at random times."""
+    """Levels between the limits that change at random times; where the model does not hold, its own limit."""
     series = {}
     for q in model.inputs:
         low, high = case.inputs[q.symbol]
         jumps = rng.random(case.rows) < 1.0 / case.dwell
         last = np.maximum.accumulate(np.where(jumps, np.arange(case.rows), 0))
-        series[q.symbol] = rng.uniform(low, high, case.rows)[last]
+        series[q.symbol] = np.clip(
+            rng.uniform(low, high, case.rows)[last], *model.valid.get(q.symbol, (-np.inf, np.inf))
+        )
     return series
 
 

@@ -13,10 +13,11 @@ from scipy.stats import binom
 from benchmarks import air_handler_days as ahu
 from benchmarks import component_studies as studies
 from benchmarks.common import arguments, context, figure, report
+from benchmarks.component_balances import balances
 from benchmarks.component_cases import CASES, experiment, recover
 from fdd.models.document import stale
 
-QUICK_CASES = ("zone", "control_valve", "pipe_hydraulic", "radiator")
+QUICK_CASES = ("zone", "control_valve", "pipe_hydraulic", "radiator", "air_handler")
 MATRIX = Path(__file__).resolve().parents[1] / "docs" / "models" / "faults" / "matrix.md"
 Figures = dict[str, dict[str, Any]]
 
@@ -46,20 +47,31 @@ def coverage(quick: bool, about: dict[str, Any]) -> Figures:
 
 def physics(quick: bool, about: dict[str, Any]) -> Figures:
     """Balances, threshold and hysteresis."""
-    closures = studies.balances()
+    closures = balances()
     about["energy balances"] = closures
     worst = max(closures.values())
     case = replace(CASES["pipe_hydraulic"], rows=3000)
     threshold = studies.threshold_profile(experiment(case, 3)[1], quick)
     about["threshold"] = threshold
     off = abs(threshold["centre"] - 2130.0)
-    ratio = studies.hysteresis_ratio(rows=1500 if quick else 3000, starts=1 if quick else 3)
+    valves = {
+        t: studies.hysteresis(t, rows=1500 if quick else 3000, starts=1 if quick else 3)
+        for t in ("dahl", "bliman-sorine")
+    }
+    about["valve, prediction-error variances [m^2] by true friction and model"] = valves
+    dahl, slow = valves["dahl"], valves["bliman-sorine"]
+    ratio, sibling = dahl["play"] / dahl["dahl"], dahl["bliman-sorine"] / dahl["dahl"]
+    needed = slow["dahl"] / slow["bliman-sorine"]
     return {
         "energy balance, worst": figure(worst, "of throughput", "<= 1e-9", worst <= 1e-9),
         "pipe threshold, centre of the profile": figure(
             threshold["centre"], "Re", "2130 within 3 standard errors", off <= 3 * threshold["error"]
         ),
         "valve: play over Dahl, prediction-error variance": figure(ratio, "ratio", ">= 3 (paper: 3)", ratio >= 3.0),
+        "valve: Bliman-Sorine over Dahl, the valve being Dahl's": figure(
+            sibling, "ratio", "within 0.05 of 1", abs(sibling - 1.0) <= 0.05
+        ),
+        "valve: Dahl over Bliman-Sorine, the valve being theirs": figure(needed, "ratio", "> 1", needed > 1.0),
     }
 
 
