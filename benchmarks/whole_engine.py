@@ -31,7 +31,7 @@ from fdd.service.alarms import Command
 from fdd.service.engine import Engine
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.history import History
-from fdd.service.identify import identify, innovation_statistics, score_spread
+from fdd.service.identify import identify, innovation_statistics, score_diagnostics
 from fdd.service.opened import open_site
 from fdd.service.plan import Component, Plan
 
@@ -149,7 +149,7 @@ def settled(fleet: Fleet, sets: list[dict[str, Baseline]]) -> list[dict[str, Bas
         steps = [group.step(t, row) for t, row in zip(fleet.time[: fleet.learning].tolist(), values, strict=True)]
         for plant, name in enumerate(names):
             own = [_only(s, plant) for s in steps]
-            spread = {**bare[name].diagnostics, "score_spread": score_spread(fleet.plan, kind, own)}
+            spread = {**bare[name].diagnostics, **score_diagnostics(fleet.plan, kind, own)}
             statistics = innovation_statistics(kind, own, fleet.plan.step)
             done[plant][kind.name] = replace(bare[name], innovation=statistics, diagnostics=spread)
     return done

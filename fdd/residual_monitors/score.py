@@ -24,6 +24,10 @@ from fdd.residual_monitors.run_length import limit_for
 
 OUTLIER = 4.0
 """While the spread is learned, a block counts as at most this many standard deviations."""
+CHANCE = 1.645
+"""A variance above 1 by no more than so many of its standard errors is chance: one in twenty true models shows more."""
+KNOWN = 10**9
+"""Blocks behind a spread that is given without their number."""
 HOLD = 0.5
 """A component with a statistic above this share of its limit learns nothing of its baseline's error."""
 
@@ -102,6 +106,7 @@ class Score(Chart):
             )
         self.enough, self.offset = float(enough), np.zeros((n, p))
         self._uncertainty = Uncertainty(self.limit, self.k)
+        self._most = np.full(self.n, self.learn, dtype=np.int64)
         self.count = np.zeros(n, dtype=np.int64)
         self.elapsed = np.zeros(n, dtype=np.int64)
         self.score = np.zeros((n, p))
@@ -166,26 +171,24 @@ class Score(Chart):
                 f"and informations {i.shape}"
             )
         seen, closed = _accumulate(s, i, self.block, self.score, self.information, self.count, self.elapsed)
-        z = allowance = np.empty((0, self.parameters))
-        length = np.empty(0, dtype=np.int64)
         rows = np.flatnonzero(closed)
-        if rows.size:
-            length = self.elapsed[rows]
-            z, allowance = self._close(rows)
+        length, held = self.elapsed[rows], self._held(rows)
+        scale = _scale(self.spread, self.seen).reshape(-1, self.parameters)[rows]
+        z, allowance = self._close(rows, held, scale) if rows.size else (scale, scale)
         phase, statistic, direction, age = _chart(
-            seen, rows, z, allowance, length, self.k, self.learn, self.limit, self.upper, self.lower, self.upper_age,
-            self.lower_age, self.shown, self.seen, self.spread, self.latched, self.side, self.onset,
+            seen, rows, z, scale, allowance, length, held, self.k, self.learn, self._most, self.limit, self.upper,
+            self.lower, self.upper_age, self.lower_age, self.shown, self.seen, self.spread, self.latched, self.side,
+            self.onset,
         )  # fmt: skip
         return Verdicts(phase, statistic, self.limit, direction, age)
 
-    def _close(self, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    def _held(self, rows: IntArray) -> NDArray[np.bool_]:
+        """Components that learn nothing now: what moves them may be a fault."""
+        high = (np.maximum(self.upper, self.lower) > HOLD * self.limit) | (self.latched == 1)
+        return np.asarray(high.reshape(-1, self.parameters)[rows].any(axis=1))
+
+    def _close(self, rows: IntArray, held: NDArray[np.bool_], spread: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Standardise full blocks, keep them in the history and begin new ones."""
-        spread = np.sqrt(np.maximum(1.0, self.spread / np.maximum(self.seen, 1))).reshape(-1, self.parameters)[rows]
-        held = (
-            ((np.maximum(self.upper, self.lower) > HOLD * self.limit) | (self.latched == 1))
-            .reshape(-1, self.parameters)[rows]
-            .any(axis=1)
-        )
         part, self.offset[rows], self.covariance[rows] = residual(
             self.score[rows], self.information[rows], self.offset[rows], self.covariance[rows],
             spread.max(axis=1), np.where(held, 0.0, self.enough),
@@ -237,15 +240,29 @@ class Score(Chart):
         score = score - information @ self.offset[component]
         return change(score, information, covariance, self.spread_of(component))
 
-    def presume(self, spread: ArrayLike) -> None:
-        """Take each stream's standard deviation of z from the baseline, shape (n_c * n_p,), at least 1."""
-        self.spread = np.square(np.maximum(1.0, np.array(spread, dtype=np.float64).reshape(self.n)))
-        self.seen = np.ones(self.n, dtype=np.int64)
+    def presume(self, rows: NDArray[np.bool_], spread: ArrayLike, blocks: ArrayLike = KNOWN) -> None:
+        """Take the standard deviation of z from the baseline, and go on learning it over ``enough`` blocks.
+
+        The noise that a filter was fitted with is as uncertain as its parameters are; where it was found too small,
+        scores vary more than they say.
+
+        Parameters
+        ----------
+        rows : shape (n_c,), components whose baselines are new
+        spread : shape (n_c, n_p), at least 1 is taken
+        blocks : shape (n_c,) or scalar, how many blocks the baselines found it from
+        """
+        shape = (self.components, self.parameters)
+        which = np.repeat(rows, self.parameters)
+        seen = np.broadcast_to(np.asarray(blocks, dtype=np.int64).reshape(-1, 1), shape).ravel()
+        variance = np.square(np.maximum(1.0, np.asarray(spread, dtype=np.float64).reshape(shape))).ravel()
+        self.seen[which], self.spread[which] = seen[which], (variance * seen)[which]
+        self._most[which] = seen[which] + int(self.enough)
 
     def spread_of(self, component: int) -> FloatArray:
         """Standard deviation of a component's z that was learned, shape (n_p,); 1 where none was."""
         at = slice(component * self.parameters, (component + 1) * self.parameters)
-        return np.asarray(np.sqrt(np.maximum(1.0, self.spread[at] / np.maximum(self.seen[at], 1))))
+        return _scale(self.spread[at], self.seen[at])
 
     def visibility(self, component: int, *, joint: bool = False) -> FloatArray:
         """Standard error of each parameter's change over the history, shape (n_p,); inf: not visible.
@@ -303,15 +320,25 @@ def _accumulate(
     return seen, closed
 
 
+def _scale(total: FloatArray, blocks: IntArray) -> FloatArray:
+    """Standard deviation of z from the sum of its squares: 1 where what exceeds it may be chance."""
+    n = np.maximum(blocks, 1)
+    variance = total / n
+    return np.asarray(np.sqrt(np.where(variance > 1.0 + CHANCE * np.sqrt(2.0 / n), variance, 1.0)))
+
+
 @numba.njit(cache=True)
 def _chart(
     seen: NDArray[np.bool_],
     rows: IntArray,
     z: FloatArray,
+    scale: FloatArray,
     allowance: FloatArray,
     length: IntArray,
+    held: NDArray[np.bool_],
     k: float,
     learn: int,
+    most: IntArray,
     limit: FloatArray,
     upper: FloatArray,
     lower: FloatArray,
@@ -333,11 +360,13 @@ def _chart(
             shown[i] = not np.isnan(z[r, j])
             if shown[i] == 0:
                 continue
-            if learned[i] < learn:
+            charted = learned[i] >= learn
+            if learned[i] < most[i] and not (charted and held[r]):
                 spread[i] += min(z[r, j] * z[r, j], OUTLIER * OUTLIER)
                 learned[i] += 1
+            if not charted:
                 continue
-            value = min(max(z[r, j] / np.sqrt(max(1.0, spread[i] / max(1, learned[i]))), -CLIP), CLIP)
+            value = min(max(z[r, j] / scale[r, j], -CLIP), CLIP)
             # A sum that leaves zero began with the block, not at its end.
             if upper[i] == 0:
                 upper_age[i] = length[r] - 1

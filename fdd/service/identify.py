@@ -83,7 +83,7 @@ def identify(
         },
     )
     steps = healthy_steps(plan, component, baseline, history)
-    diagnostics = {**baseline.diagnostics, "score_spread": score_spread(plan, component, steps)}
+    diagnostics = {**baseline.diagnostics, **score_diagnostics(plan, component, steps)}
     diagnostics["still"] = still_statistics(component, steps)
     return replace(
         baseline, innovation=innovation_statistics(component, steps, plan.step), diagnostics=diagnostics
@@ -147,8 +147,10 @@ def chance(samples: int) -> float:
     return max(0.03, 4.0 / float(np.sqrt(samples)))
 
 
-def score_spread(plan: Plan, component: Component, steps: Sequence[GroupStep]) -> dict[str, float]:
-    """Standard deviation of each parameter's block scores on the baseline: 1 where the model is true, else more.
+def score_diagnostics(plan: Plan, component: Component, steps: Sequence[GroupStep]) -> JsonObject:
+    """Standard deviation of each parameter's block scores on the baseline (``score_spread``), from ``score_blocks``.
+
+    1 where the model is true, else more.
 
     Where the model misses something, innovations are coloured and scores of hours vary more than their information
     says; the charts divide by this.
@@ -157,7 +159,7 @@ def score_spread(plan: Plan, component: Component, steps: Sequence[GroupStep]) -
     block = max(1, SCORE_BLOCK // plan.step)
     n = len(charted) // block
     if n < FEWEST_BLOCKS:
-        return {}
+        return {"score_spread": {}, "score_blocks": n}
     p = len(component.model.parameters)
     score = np.array([s.score[0] for s in charted[: n * block]]).reshape(n, block, p).sum(axis=1)
     full = np.array([s.information[0] for s in charted[: n * block]]).reshape(n, block, p, p).sum(axis=1)
@@ -167,4 +169,5 @@ def score_spread(plan: Plan, component: Component, steps: Sequence[GroupStep]) -
     information = np.diagonal(full, axis1=1, axis2=2)
     z = np.where(information > 0, score / np.sqrt(np.where(information > 0, information, 1.0)), 0.0)
     spread = np.maximum(1.0, np.sqrt(np.mean(np.square(z), axis=0)))
-    return {q.symbol: float(v) for q, v in zip(component.model.parameters, spread, strict=True)}
+    table = {q.symbol: float(v) for q, v in zip(component.model.parameters, spread, strict=True)}
+    return {"score_spread": table, "score_blocks": n}

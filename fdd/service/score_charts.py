@@ -8,7 +8,7 @@ import numpy as np
 
 from fdd.records import NANOSECONDS, IntArray, JsonObject
 from fdd.residual_monitors.chart import Verdicts
-from fdd.residual_monitors.score import Score
+from fdd.residual_monitors.score import KNOWN, Score
 from fdd.service.chart_family import BoolArray, FamilyKind, Stream
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.granted import granted, physical
@@ -64,7 +64,8 @@ class ScoreCharts:
         self._chart.depart(rows, error * self._told[:, :, None] * self._told[:, None, :])
         self._group.error = self._chart.covariance
         spreads = [b.diagnostics.get("score_spread", {}) for b in baselines]
-        self._chart.presume([spread.get(s, 1.0) for spread in spreads for s in self._symbols])
+        blocks = [b.diagnostics.get("score_blocks", KNOWN) for b in baselines]
+        self._chart.presume(rows, [[spread.get(s, 1.0) for s in self._symbols] for spread in spreads], blocks)
 
     def rebase(self, components: set[str]) -> BoolArray:
         """Start again: sums and history are departures from the old parameters and say nothing of the new ones."""

@@ -199,3 +199,59 @@ def test_what_the_baseline_error_explains_is_forgiven_and_more_is_not() -> None:
         share[errors] = np.mean(first_alarm(chart, *regression(rng, 4000, n, delta)) >= 0)
     assert share[1.0] < 0.06
     assert share[8.0] > 0.95
+
+
+def blocks(rng: Generator, count: int, n: int, sd: float, mean: float = 0.0) -> Array:
+    """Scores of blocks of one sample with information 1 of ``n`` components with one parameter."""
+    return rng.normal(mean, sd, (count, n, 1))
+
+
+def watch(chart: Score, scores: Array) -> Array:
+    return first_alarm(chart, scores, np.ones((*scores.shape, 1)))
+
+
+def test_spread_within_chance_is_taken_as_one() -> None:
+    n, m = 2000, 84
+    found = np.sqrt(np.square(default_rng(5).standard_normal((m, n))).mean(axis=0))
+    chart = Score(np.full((n, 1), 9.0), block=1)
+    chart.presume(np.ones(n, dtype=bool), found[:, None], m)
+    widened = np.mean([chart.spread_of(c)[0] > 1 for c in range(n)])
+    # one in twenty, by the normal approximation to chi squared with 84 degrees: 5.7 %; three Monte-Carlo errors
+    assert abs(widened - 0.057) < 3 * np.sqrt(0.057 * 0.943 / n)
+
+
+def test_spread_that_the_baseline_missed_is_learned_while_quiet() -> None:
+    n = 400
+    everyone = np.ones(n, dtype=bool)
+    learning, given = Score(np.full((n, 1), 9.0), block=1, enough=112.0), Score(np.full((n, 1), 9.0), block=1)
+    for chart in (learning, given):
+        chart.presume(everyone, np.ones((n, 1)), 84)
+    scores = blocks(default_rng(6), 400, n, 1.4)
+    rang = [np.mean(watch(chart, scores) >= 0) for chart in (learning, given)]
+    assert rang[0] < 0.5 * rang[1]
+    quiet = learning.latched == 0
+    found = np.array([learning.spread_of(c)[0] for c in np.flatnonzero(quiet)])
+    # 84 blocks of the baseline say 1, up to 112 of the present say 1.4
+    assert 1.15 < np.median(found) < np.sqrt((84 + 112 * 1.96) / 196)
+
+
+def test_fault_is_not_learned_as_spread() -> None:
+    n = 200
+    chart = Score(np.full((n, 1), 9.0), block=1, enough=112.0)
+    chart.presume(np.ones(n, dtype=bool), np.ones((n, 1)), 84)
+    rang = watch(chart, blocks(default_rng(7), 60, n, 1.0, mean=1.25))
+    assert (rang >= 0).all()
+    # the run length of a CUSUM with k = 0.5 and h = 9 at this shift is about 13 blocks
+    assert np.mean(rang) < 1.25 * 13
+    assert max(chart.spread_of(c)[0] for c in range(n)) < 1.25
+
+
+def test_new_baseline_of_one_component_leaves_what_others_learned() -> None:
+    chart = Score(np.full((2, 1), 50.0), block=1, enough=112.0)
+    chart.presume(np.ones(2, dtype=bool), np.ones((2, 1)), 84)
+    watch(chart, blocks(default_rng(8), 112, 2, 2.0))
+    learned = chart.spread_of(1).copy()
+    chart.presume(np.array([True, False]), np.ones((2, 1)), 84)
+    assert learned > 1.3
+    np.testing.assert_array_equal(chart.spread_of(1), learned)
+    np.testing.assert_array_equal(chart.spread_of(0), [1.0])

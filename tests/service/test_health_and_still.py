@@ -13,7 +13,7 @@ from fdd.service.checkpoint import decode, encode
 from fdd.service.engine import Engine
 from fdd.service.health_charts import KINDS, _Reach, window_of, window_statistics
 from fdd.service.history import read_history
-from fdd.service.identify import healthy_steps, innovation_statistics, score_spread
+from fdd.service.identify import healthy_steps, innovation_statistics, score_diagnostics
 from fdd.service.still_charts import still_statistics
 from fdd.service.window import avoided
 from tests.service.conftest import STEP, Truth, baselines, plan, simulate
@@ -33,7 +33,7 @@ def watched(truth: Truth) -> dict[str, Baseline]:
         found[c.name] = replace(
             bare,
             innovation=innovation_statistics(c, steps, p.step),
-            diagnostics={"still": still_statistics(c, steps), "score_spread": score_spread(p, c, steps)},
+            diagnostics={"still": still_statistics(c, steps), **score_diagnostics(p, c, steps)},
         )
     return found
 
