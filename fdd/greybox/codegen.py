@@ -120,9 +120,22 @@ class Scope:
                 self.lines.append(f"{name} = c[{slot}]")
             else:
                 name = f"{self.prefix}{e.index}"
+                e = self._turned(e)
                 self.lines.append(f"{name} = {_operation(e, [self(a) for a in e.args])}")
             self.names[e.index] = name
         return name
+
+    def _turned(self, e: Expr) -> Expr:
+        """-(a - b) as b - a, where a - b itself is not at hand."""
+        inside = e.args[0] if e.op == "neg" else e
+        if inside.op != "sub" or inside is e or self.known(inside):
+            return e
+        a, b = inside.args
+        return Expr(e.graph, "sub", (b, a), None, e.index)
+
+    def known(self, e: Expr) -> bool:
+        """Whether an expression's value has a name here or further out."""
+        return e.index in self.names or (self.outer is not None and self.outer.known(e))
 
     def inner(self, names: dict[int, str], prefix: str) -> Scope:
         """A scope nested in this one, for expressions that change more often."""
@@ -323,7 +336,8 @@ class Generator:
         F = self._moments()
         values = [scope(e) for e in F]
         rows = [f"{at['TS'] + i * K} + k" for i in range(nz)]
-        tangents = self.tangents(scope, F, [*self.s.x, *self.P], [f"r{i}" for i in range(nz)], "k_")
+        tangents = self.tangents(scope, self.s.f, self.s.x, [f"r{i}" for i in range(self.n)], "k_")
+        tangents += self._covariance_tangents(scope)
         stage = [
             "b = h / 6.0 if stage == 0 or stage == 3 else h / 3.0",
             "a = 0.5 * h if stage < 2 else h",
@@ -351,6 +365,36 @@ class Generator:
             f"    for k in range({K}):",
             f"        w[{at['T']} + i * {K} + k] = w[{at['TACC']} + i * {K} + k]",
         ]
+
+    def _covariance_tangents(self, scope: Scope) -> list[str]:
+        """Tangents of A P + P A' + Q by way of those of A: far fewer products than one derivative for each parameter."""
+        s, n, g = self.s, self.n, self.s.graph
+        rows, lines, moving = [f"r{i}" for i in range(n)], [], set()
+        for i in range(n):
+            for m in range(n):
+                if any(g.diff(s.A[i][m], v) is not g.zero for v in (*s.x, *s.p)):
+                    lines += self.tangents(scope, [s.A[i][m]], s.x, rows, f"a{i}_{m}_")
+                    moving.add((i, m))
+        for i in range(n):
+            for j in range(i, n):
+                terms = []
+                for a, b in ((i, j), (j, i))[: 1 if i == j else 2]:  # row a of A, column b of P
+                    for m in range(n):
+                        if i != j and m == a:
+                            continue
+                        if s.A[a][m] is not g.zero:
+                            terms.append(f"{_wrap(scope(s.A[a][m]))} * r{n + self.pk(m, b)}")
+                    terms += [f"a{a}_{m}_0 * s{n + self.pk(m, b)}" for m in range(n) if (a, m) in moving]
+                name = f"k_{n + self.pk(i, j)}"
+                if i == j:
+                    lines.append(f"t = {' + '.join(terms) or 'wide(0.0)'}")
+                    lines += self.tangents(scope, [s.q[i]], s.x, rows, "q")
+                    lines.append(f"{name} = t + t + q0")
+                else:
+                    both = s.A[i][i] + s.A[j][j]
+                    terms += [f"{_wrap(scope(both))} * r{n + self.pk(i, j)}"] if both is not g.zero else []
+                    lines.append(f"{name} = {' + '.join(terms) or 'wide(0.0)'}")
+        return lines
 
     def tangents(self, scope: Scope, values: Sequence[Expr], by: Sequence[Expr], rows: Sequence[str], to: str
                  ) -> list[str]:  # fmt: skip

@@ -439,6 +439,8 @@ class Writer:
         return (Array(base.type.item, left[1:]) if left else base.type.item), pointer, wide
 
     def _binop(self, e: ast.BinOp) -> Value:
+        if (fused := self._fused(e)) is not None:
+            return fused
         a, b = self.expression(e.left), self.expression(e.right)
         if isinstance(e.op, ast.Pow):
             return self.call("pow", [self.cast(a, "float"), self.cast(b, "float")])
@@ -452,6 +454,31 @@ class Writer:
             return Value("int", self.value(f"{whole} nsw i64 {a.name}, {b.name}"))
         a, b = self.match(self.cast(a, "float"), self.cast(b, "float"))
         return Value("float", self.value(f"{real} {_FAST} {self.type('float', a.wide)} {a.name}, {b.name}"), a.wide)
+
+    def _fused(self, e: ast.BinOp) -> Value | None:
+        """A vector over k plus or minus a product: one instruction where the processor has it."""
+        minus = isinstance(e.op, ast.Sub)
+        if minus or isinstance(e.op, ast.Add):
+            for product, other in ((e.right, e.left), (e.left, e.right)):
+                if isinstance(product, ast.BinOp) and isinstance(product.op, ast.Mult) and self._runs(product):
+                    parts = [self.expression(part) for part in (product.left, product.right, other)]
+                    wide = max(v.wide for v in parts)
+                    a, b, c = (self.widen(self.cast(v, "float"), wide).name for v in parts)
+                    t = self.type("float", wide)
+                    if minus:
+                        sign = self.value(f"fneg {t} {a if product is e.right else c}")
+                        a, c = (sign, c) if product is e.right else (a, sign)
+                    kind = f"v{wide}f64" if wide else "f64"
+                    made = self.value(f"call {t} @llvm.fmuladd.{kind}({t} {a}, {t} {b}, {t} {c})")
+                    return Value("float", made, wide)
+        return None
+
+    def _runs(self, e: ast.expr) -> bool:
+        """Whether an expression is a vector over k."""
+        if self.chunk is None or not self.chunk[1]:
+            return False
+        names = {n.id for n in ast.walk(e) if isinstance(n, ast.Name)}
+        return bool(names & {"k", "wide"}) or any(f"{n}.{self.chunk[1]}" in self.names for n in names)
 
     def _unaryop(self, e: ast.UnaryOp) -> Value:
         if isinstance(e.op, ast.Not):
@@ -640,4 +667,5 @@ def _declaration(name: str) -> str:
     t = "double" if kind == "f64" else f"<{kind[1:-3]} x double>"
     if ".reduce." in name:
         return f"declare double @{name}({t})"
-    return f"declare {t} @{name}({', '.join([t] * (2 if '.pow.' in name else 1))})"
+    many = 3 if ".fmuladd." in name else 2 if ".pow." in name else 1
+    return f"declare {t} @{name}({', '.join([t] * many)})"

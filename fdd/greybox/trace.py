@@ -206,7 +206,10 @@ class Graph:
             return self.constant(a.value - b.value)
         if b.op == "neg":
             return self.add(a, b.args[0])
-        return self.make("sub", (a, b))
+        if a.op == "neg":
+            return self.neg(self.add(a.args[0], b))
+        # One order only, so that a difference and its opposite are computed once; the sign moves outwards.
+        return self.make("sub", (a, b)) if a.index < b.index else self.neg(self.make("sub", (b, a)))
 
     def mul(self, a: Expr, b: Expr) -> Expr:
         """a * b."""
@@ -222,10 +225,9 @@ class Graph:
             return self.neg(self.mul(a.args[0], b))
         if b.op == "neg":
             return self.neg(self.mul(a, b.args[0]))
-        if a.op == "constant" and a.value == -1.0:
-            return self.neg(b)
-        if b.op == "constant" and b.value == -1.0:
-            return self.neg(a)
+        for one, other in ((a, b), (b, a)):
+            if one.op == "constant" and one.value < 0.0:
+                return self.neg(self.mul(self.constant(-one.value), other))
         return self.make("mul", (a, b) if a.index <= b.index else (b, a))
 
     def div(self, a: Expr, b: Expr) -> Expr:
@@ -252,8 +254,6 @@ class Graph:
             return self.constant(-a.value)
         if a.op == "neg":
             return a.args[0]
-        if a.op == "sub":
-            return self.make("sub", (a.args[1], a.args[0]))
         return self.make("neg", (a,))
 
     def pow(self, a: Expr, b: Expr) -> Expr:
