@@ -19,7 +19,8 @@ from fdd.greybox.trace import Expr, Level
 
 Method = Literal["exact", "rk4"]
 Hold = Literal["zero", "first"]
-FORMAT = 3  # raise when the meaning of the generated text changes
+LINE = 8  # floats in a cache line
+FORMAT = 4  # raise when the meaning of the generated text changes
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +51,9 @@ class Layout:
 
     @property
     def K(self) -> int:
-        """Tangent row length: parameters, padded to full vectors."""
-        return -(-self.parameters // 4) * 4 if self.variant.tangents else 0
+        """Tangent row length: parameters, padded to full vectors that do not straddle cache lines."""
+        full = 4 if self.parameters <= 4 else LINE
+        return -(-self.parameters // full) * full if self.variant.tangents else 0
 
     @property
     def nz(self) -> int:
@@ -72,12 +74,14 @@ class Layout:
         if self.variant.method == "exact":
             for name in ("A", "Q", "X1", "X2", "Y1", "Y2"):
                 sizes |= {name: n * n, "T" + name: n * n * K}
-            sizes |= {"C0": n, "TC0": n * K, "C1": n, "TC1": n * K, "M": n * n, "TM": n * n * K, "TN": nz * K}
+            sizes |= {"M": n * n, "TM": n * n * K}
             sizes |= {"LAST": (nz - n) * (1 + K)}
         else:
             sizes |= {"TS": nz * K, "TACC": nz * K}
         out, at = {}, 0
         for name, size in sizes.items():
+            if name != "P" and name[1:] not in sizes:  # covariance behind state, tangents behind their matrix
+                at = -(-at // LINE) * LINE
             out[name] = at
             at += size
         return out | {"SIZE": at}
@@ -367,7 +371,7 @@ class Generator:
         ]
 
     def _covariance_tangents(self, scope: Scope) -> list[str]:
-        """Tangents of A P + P A' + Q by way of those of A: far fewer products than one derivative for each parameter."""
+        """Tangents of A P + P A' + Q by way of those of A: far fewer products than derivatives of each entry."""
         s, n, g = self.s, self.n, self.s.graph
         rows, lines, moving = [f"r{i}" for i in range(n)], [], set()
         for i in range(n):
@@ -441,41 +445,44 @@ class Generator:
         return [*lines, *self._propagate_covariance(), "return 1.0"]
 
     def _advance(self) -> list[str]:
-        """The state alone, with its tangents; the covariance may have settled."""
-        n, K = self.n, self.K
+        """x+ = Ad x + Ph c (+ Ph2 dc/dt) with tangents; the covariance may have settled."""
+        n, r, first = self.n, range(self.n), self.variant.hold == "first"
         top, middle = self._scopes("u0")
-        drive = self._drive(middle, "0")
+        drive = [f"c_{i} = {middle(c)}" for i, c in enumerate(self.s.c)]
+        own = [self._own(middle, c) for c in self.s.c] if self.K else []
         lines = [*top.lines, *middle.lines, *drive]
-        if self.variant.hold == "first":
+        if first:
             after_top, after = self._scopes("u1")
             after.prefix = "a"
-            drive = self._drive(after, "1")
-            lines += [*after_top.lines, *after.lines, *drive]
-            lines += [f"w[C1 + {i}] = (w[C1 + {i}] - w[C0 + {i}]) / dt" for i in range(n)]
-            if K:
-                lines += [f"for i in range({n * K}):", "    w[TC1 + i] = (w[TC1 + i] - w[TC0 + i]) / dt"]
-        if K:
-            lines += ["propagate_state_tangents(w)"]
-        return [*lines, *self._propagate_state()]
-
-    def _drive(self, scope: Scope, which: str) -> list[str]:
-        values = [f"w[C{which} + {i}] = {scope(c)}" for i, c in enumerate(self.s.c)]
-        if not self.K:
-            return values
-        base = self.at[f"TC{which}"]
-        direct = [line for i, c in enumerate(self.s.c) for line in self._direct(scope, c, base + i * self.K)]
-        return [*values, f"for i in range({self.n * self.K}):", f"    w[{base} + i] = 0.0", *direct]
-
-    def _propagate_state(self) -> list[str]:
-        """x+ = Ad x + Ph c (+ Ph2 dc), unrolled."""
-        n, r = self.n, range(self.n)
-        lines = [f"a{i}_{j} = w[AD + {i * n + j}]" for i in r for j in r]
-        lines += [f"x{i} = w[{i}]" for i in r] + [f"c_{i} = w[C0 + {i}]" for i in r]
+            slope = [f"d_{i} = ({_wrap(after(c))} - c_{i}) / dt" for i, c in enumerate(self.s.c)]
+            later = [self._own(after, c) for c in self.s.c] if self.K else []
+            lines += [*after_top.lines, *after.lines, *slope]
+        lines += [f"{m}{i}_{j} = w[{name} + {i * n + j}]" for m, name in self._maps() for i in r for j in r]
+        lines += [f"x{i} = w[{i}]" for i in r]
+        if self.K:
+            body = [f"r{i} = w[{self.at['T'] + i * self.K} + k]" for i in r] + [f"e{i} = {own[i]}" for i in r]
+            body += [f"f{i} = ({later[i]} - e{i}) / dt" for i in r] if first else []
+            lines += [f"for k in range({self.K}):", *indent([*body, *self._state_tangents()])]
         for i in r:
-            total = " + ".join(f"a{i}_{j} * x{j} + w[PH + {i * n + j}] * c_{j}" for j in r)
-            if self.variant.hold == "first":
-                total += "".join(f" + w[PH2 + {i * n + j}] * w[C1 + {j}]" for j in r)
+            total = " + ".join(f"a{i}_{j} * x{j} + b{i}_{j} * c_{j}" for j in r)
+            total += "".join(f" + g{i}_{j} * d_{j}" for j in r) if first else ""
             lines.append(f"w[X + {i}] = {total}")
+        return lines
+
+    def _maps(self) -> list[tuple[str, str]]:
+        return [("a", "AD"), ("b", "PH"), *([("g", "PH2")] if self.variant.hold == "first" else [])]
+
+    def _state_tangents(self) -> list[str]:
+        n, K, at, lines = self.n, self.K, self.at, []
+        moving = [any(self.s.graph.diff(c, p) is not self.s.graph.zero for p in self.s.p) for c in self.s.c]
+        drives = {"a": ("x", "r", [True] * n), "b": ("c_", "e", moving), "g": ("d_", "f", moving)}
+        for i in range(n):
+            terms = []
+            for m, name in reversed(self._maps()):  # what waits for the sample before comes last
+                value, tangent, some = drives[m]
+                terms += [f"w[{at['T' + name] + (i * n + j) * K} + k] * {value}{j}" for j in range(n)]
+                terms += [f"{m}{i}_{j} * {tangent}{j}" for j in range(n) if some[j]]
+            lines.append(f"w[{at['T'] + i * K} + k] = {' + '.join(terms)}")
         return lines
 
     def _propagate_covariance(self) -> list[str]:

@@ -194,7 +194,10 @@ class FilterBank:
 
     def _layout(self) -> str:
         k = self.kernel
-        return f"{k.variant.method} {k.variant.hold} {k.layout.n} {k.layout.K} {k.layout.varying} {k.module.PERSISTENT}"
+        return (
+            f"{codegen.FORMAT} {k.variant.method} {k.variant.hold} {k.layout.n} {k.layout.K} {k.layout.varying} "
+            f"{k.module.PERSISTENT}"
+        )
 
     def restore_state(self, state: Mapping[str, Any]) -> None:
         """Take up what :meth:`export_state` gave.

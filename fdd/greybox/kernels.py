@@ -45,8 +45,10 @@ class Kernel:
     text: str
 
     def workspace(self) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """A fresh workspace."""
-        return np.zeros(self.module.SIZE)
+        """A fresh workspace, aligned to cache lines."""
+        room = np.zeros(self.module.SIZE + codegen.LINE)
+        first = -(room.ctypes.data // room.itemsize) % codegen.LINE
+        return room[first : first + self.module.SIZE]
 
     def constants(self, rows: int | None = None) -> np.ndarray[Any, np.dtype[np.float64]]:
         """Room for what depends on parameters only."""

@@ -148,23 +148,7 @@ def discretise(w: array, dt: float):
             w[AD + k] = w[Y2 + k] if on > 0.5 else w[AD + k]
         h = h + on * h'''
 
-_PROPAGATE = '''def propagate_state_tangents(w: array):
-    """Tangents of x+ = Ad x + Ph c0 + Ph2 c1, before the values themselves move."""
-    for k in range(K):
-        for i in range(N):
-            t = wide(0.0)
-            for j in range(N):
-                at = i * N + j
-                t += w[TAD + at * K + k] * w[X + j] + w[AD + at] * w[T + j * K + k]
-                t += w[TPH + at * K + k] * w[C0 + j] + w[PH + at] * w[TC0 + j * K + k]
-                if FIRST:
-                    t += w[TPH2 + at * K + k] * w[C1 + j] + w[PH2 + at] * w[TC1 + j * K + k]
-            w[TN + i * K + k] = t
-        for i in range(N):
-            w[T + i * K + k] = w[TN + i * K + k]
-
-
-def propagate_covariance_tangents(w: array):
+_PROPAGATE = '''def propagate_covariance_tangents(w: array):
     """Tangents of P+ = Ad P Ad' + Qd, before the values themselves move."""
     for i in range(N):
         for j in range(N):
