@@ -131,6 +131,8 @@ class Tariffs(Strict):
     heat: float | None = Field(default=None, ge=0, description="price of heat per kWh")
     cooling: float | None = Field(default=None, ge=0, description="price of cooling per kWh")
     electricity: float | None = Field(default=None, ge=0, description="price of electricity per kWh")
+    dear: float = Field(default=10.0, gt=0, description="a cost a day from which an alarm is one class more severe")
+    cheap: float = Field(default=0.5, ge=0, description="a cost a day below which it is one class less severe")
 
 
 class Reidentify(Strict):

@@ -91,6 +91,26 @@ def daily_cost(
     return _priced(loss, tariffs)
 
 
+GRADES = ("low", "medium", "high")
+
+
+def with_cost(severity: str, cost: JsonObject, tariffs: Tariffs) -> str:
+    """A severity by size and certainty, one class higher where the fault is dear, one lower where it is surely cheap.
+
+    Dear: at least ``tariffs["dear"]`` a day, and surely more than nothing; cheap: the whole 95 % interval is below
+    ``tariffs["cheap"]``. Without a price, size and certainty decide alone.
+    """
+    if cost["value"] is None:
+        return severity
+    dear, cheap = tariffs.get("dear"), tariffs.get("cheap")
+    grade = GRADES.index(severity)
+    if isinstance(dear, int | float) and cost["value"] >= dear and cost["lower"] > 0:
+        grade += 1
+    elif isinstance(cheap, int | float) and cost["upper"] < cheap:
+        grade -= 1
+    return GRADES[min(max(grade, 0), len(GRADES) - 1)]
+
+
 def _told(tariffs: Tariffs) -> JsonObject:
     empty = dict.fromkeys(("value", "lower", "upper", "kWh_per_day", "degree_hours_per_day"))
     return {**empty, "currency": str(tariffs.get("currency") or "EUR"), "kind": "none", "basis": "", "why": ""}

@@ -12,12 +12,14 @@ state                  meaning
 =====================  =====================================================================================
 raised                 a chart passed its limit; nobody has said that they saw it
 acknowledged           somebody has
-shelved                hidden until an end that was given; then it is raised again
+shelved                hidden until an end that was given; then it is what its evidence says
 suppressed by design   a consequence of another open alarm: of one upstream, of a measurement that is suspect, or
                        (of the model's) of the plant's own
 returned to normal     the evidence is gone, the alarm waits to be cleared
 cleared                closed by an operator
 =====================  =====================================================================================
+
+Which event leads from which state to which is a table, :data:`fdd.service.alarm_life.LIFE`.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from datetime import UTC, datetime
 from typing import Any, Literal
 
 from fdd.records import NANOSECONDS, Alarm, AlarmState, JsonObject
+from fdd.service.alarm_life import GRACE, Event, quiet_wanted, what_then
 
 Action = Literal["acknowledge", "shelve", "unshelve", "clear"]
 PLANT, MODEL = "plant", "model"
@@ -40,9 +43,10 @@ class AlarmError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What an operator asks of an alarm; ``time`` is the operator's, ``until`` the end of shelving [ns].
+    """What an operator asks of an alarm; ``time`` is the operator's.
 
-    ``through`` says by which way the command came: ``cli``, ``zenoh``.
+    Shelving ends at ``until`` [ns], or ``span`` [s] after the event time at which it is carried out. ``through`` says
+    by which way the command came: ``cli``, ``zenoh``.
     """
 
     alarm: str
@@ -52,6 +56,7 @@ class Command:
     comment: str = ""
     until: int | None = None
     through: str = ""
+    span: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +108,8 @@ class AlarmBook:
     ) -> None:
         self._reads, self._upstream = reads, upstream or {}
         self._open: dict[str, Alarm] = {}
+        # Since when the evidence of an open alarm has been gone without a break, by subject.
+        self._quiet: dict[str, int] = {}
 
     @property
     def open(self) -> tuple[Alarm, ...]:
@@ -115,26 +122,31 @@ class AlarmBook:
 
     def ring(self, time: int, rings: Sequence[Ring]) -> list[Alarm]:
         """Take in the charts that passed their limits at ``time``; return the alarms that changed."""
-        changed = {subject(r.component, r.kind): self._join(time, r) for r in rings}
-        for key in tuple(changed):
-            self._suppress(time, key, changed)
-        return [self._open[key] for key in changed]
+        changed = [subject(r.component, r.kind) for r in rings]
+        for r in rings:
+            self._join(time, r)
+        changed += [subject_of(a) for a in self._suppress(time)]
+        return [self._open[key] for key in dict.fromkeys(changed)]
 
-    def normal(self, time: int, subjects: Iterable[str]) -> list[Alarm]:
-        """The evidence against these subjects (components, or their models) is gone."""
-        return [
-            self._move(alarm, AlarmState.RETURNED, time, "service", "the evidence is gone")
-            for key in subjects
-            if (alarm := self._open.get(key)) and alarm.state in (AlarmState.RAISED, AlarmState.ACKNOWLEDGED)
-        ]
+    def review(self, time: int, quiet: Iterable[str]) -> list[Alarm]:
+        """Once a frame: what time and evidence make of the open alarms; return those that changed.
 
-    def tick(self, time: int) -> list[Alarm]:
-        """End the shelving that has run out."""
-        return [
-            self._move(alarm, AlarmState.RAISED, time, "service", "shelving ended")
-            for alarm in tuple(self._open.values())
-            if alarm.state is AlarmState.SHELVED and alarm.evidence.get("shelved_until", time + 1) <= time
-        ]
+        Parameters
+        ----------
+        quiet : subjects (components, or their models) whose charts all say that what raised the alarm is gone
+        """
+        still = set(quiet)
+        self._quiet = {key: self._quiet.get(key, time) for key in self._open if key in still}
+        changed = []
+        for alarm in self.open:
+            ended = alarm.state is AlarmState.SHELVED and alarm.evidence.get("shelved_until", time + 1) <= time
+            if ended:
+                changed.append(self._judge(alarm, Event.UNSHELVE, time, "service", "shelving ended"))
+            elif alarm.state is AlarmState.SUPPRESSED and (why := self._released(alarm, time)):
+                changed.append(self._judge(alarm, Event.RELEASE, time, "service", why))
+            elif alarm.state in (AlarmState.RAISED, AlarmState.ACKNOWLEDGED) and self._is_over(alarm, time):
+                changed.append(self._move(alarm, Event.NORMAL, time, "service", "the evidence is gone"))
+        return changed
 
     def command(self, command: Command, time: int) -> list[Alarm]:
         """Carry out an operator's command; return every alarm that it changed, the one it names first.
@@ -148,26 +160,25 @@ class AlarmBook:
         if alarm is None:
             known = ", ".join(a.key for a in self._open.values()) or "none"
             raise AlarmError(f"no open alarm {command.alarm!r}; open alarms: {known}")
+        event = Event(command.action)
+        if what_then(alarm.state, event) is None:
+            may = [e for e in ACTIONS if what_then(alarm.state, Event(e)) is not None]
+            raise AlarmError(f"alarm {alarm.key} is {alarm.state}; it cannot be {_PAST[command.action]}, "
+                             f"but {', '.join(_PAST[e] for e in may)}")  # fmt: skip
         match command.action:
-            case "acknowledge":
-                if alarm.state is not AlarmState.RAISED:
-                    raise AlarmError(f"alarm {alarm.key} is {alarm.state}; only a raised alarm can be acknowledged")
-                return [self._move(alarm, AlarmState.ACKNOWLEDGED, time, *_said(command))]
             case "shelve":
-                if command.until is None or command.until <= time:
-                    raise AlarmError(f"shelving {alarm.key} needs an end after {iso(time)}; give --until or --for")
-                alarm = replace(alarm, evidence={**alarm.evidence, "shelved_until": command.until})
-                return [self._move(alarm, AlarmState.SHELVED, time, *_said(command))]
+                until = _end(command, time)
+                alarm = replace(alarm, evidence={**alarm.evidence, "shelved_until": until})
             case "unshelve":
-                if alarm.state is not AlarmState.SHELVED:
-                    raise AlarmError(f"alarm {alarm.key} is {alarm.state}, not shelved")
-                return [self._move(alarm, AlarmState.RAISED, time, *_said(command))]
+                return [self._judge(alarm, event, time, *_said(command))]
             case "clear":
                 return self._clear(alarm, time, command)
+        actor, comment, through = _said(command)
+        return [self._move(alarm, event, time, actor, comment, through)]
 
     def _clear(self, alarm: Alarm, time: int, command: Command) -> list[Alarm]:
-        cleared = self._move(alarm, AlarmState.CLEARED, time, *_said(command))
-        del self._open[subject_of(alarm)]
+        actor, comment, through = _said(command)
+        cleared = self._close(alarm, time, actor, comment, through)
         freed = [
             a
             for a in tuple(self._open.values())
@@ -175,16 +186,45 @@ class AlarmBook:
         ]
         return [cleared, *(self._free(a, alarm, time) for a in freed)]
 
+    def _close(self, alarm: Alarm, time: int, actor: str, comment: str, through: str = "") -> Alarm:
+        cleared = self._move(alarm, Event.CLEAR, time, actor, comment, through)
+        del self._open[subject_of(alarm)]
+        self._quiet.pop(subject_of(alarm), None)
+        return cleared
+
     def _free(self, victim: Alarm, source: Alarm, time: int) -> Alarm:
         """A consequence whose cause was cleared: it stands by itself; what a model made of a fault goes with it."""
         why = f"{source.key} was cleared"
         if kind_of(victim) == PLANT:
-            return self._move(victim, AlarmState.RAISED, time, "service", why)
-        cleared = self._move(victim, AlarmState.CLEARED, time, "service", why)
-        del self._open[subject_of(victim)]
-        return cleared
+            return self._judge(victim, Event.RELEASE, time, "service", why)
+        return self._close(victim, time, "service", why)
 
-    def _join(self, time: int, ring: Ring) -> Alarm:
+    def _is_over(self, alarm: Alarm, time: int) -> bool:
+        """Whether the evidence has been gone for as long as the alarm's past asks for."""
+        since = self._quiet.get(subject_of(alarm))
+        return since is not None and time - since >= quiet_wanted(alarm.history, time)
+
+    def _explaining(self, source: Alarm, time: int) -> bool:
+        """Whether an alarm may still explain others: not once its own evidence has been gone for long."""
+        since = self._quiet.get(subject_of(source))
+        return since is None or time - since < GRACE
+
+    def _released(self, victim: Alarm, time: int) -> str:
+        """Why a consequence is one no longer; empty while it is."""
+        source = next((a for a in self._open.values() if a.key == victim.evidence.get("caused_by")), None)
+        if source is None:
+            return "what explained it is gone"
+        return "" if self._explaining(source, time) else f"{source.key} has been back to normal for a day"
+
+    def _judge(self, alarm: Alarm, event: Event, time: int, actor: str, why: str, through: str = "") -> Alarm:
+        """An alarm that comes out of shelving or suppression is what its evidence says."""
+        own = {k: v for k, v in alarm.evidence.items() if k not in ("caused_by", "shelved_until")}
+        moved = self._move(replace(alarm, evidence=own), event, time, actor, why, through)
+        if self._is_over(moved, time):
+            return self._move(moved, Event.NORMAL, time, "service", "the evidence is gone")
+        return self._suppress_one(moved, time) or moved
+
+    def _join(self, time: int, ring: Ring) -> None:
         name = subject(ring.component, ring.kind)
         alarm = self._open.get(name)
         if alarm is None:
@@ -201,7 +241,7 @@ class AlarmBook:
                 history=(_entry(time, AlarmState.RAISED, "service", f"chart {ring.chart} passed its limit"),),
             )
         elif alarm.state is AlarmState.RETURNED:
-            alarm = self._move(alarm, AlarmState.RAISED, time, "service", f"chart {ring.chart} passed its limit again")
+            alarm = self._move(alarm, Event.RING, time, "service", f"chart {ring.chart} passed its limit again")
         points = list(alarm.evidence["points"])
         if ring.point and ring.point not in points:
             points.append(ring.point)
@@ -215,20 +255,29 @@ class AlarmBook:
             evidence={**alarm.evidence, "charts": charts, "points": points},
         )
         self._open[name] = alarm
-        return alarm
+        self._quiet.pop(name, None)
 
-    def _suppress(self, time: int, key: str, changed: dict[str, Alarm]) -> None:
-        """Mark consequences: those of the alarm of this subject, and it itself where it is one."""
+    def _suppress(self, time: int) -> list[Alarm]:
+        """Mark consequences among the raised alarms; of two that explain each other, the newer is the consequence."""
+        raised = [a for a in reversed(self._open.values()) if a.state is AlarmState.RAISED]
+        return [a for victim in raised if (a := self._suppress_one(victim, time))]
+
+    def _suppress_one(self, victim: Alarm, time: int) -> Alarm | None:
         for source in tuple(self._open.values()):
-            for victim in tuple(self._open.values()):
-                ends = (subject_of(source), subject_of(victim))
-                if key not in ends or ends[0] == ends[1]:
-                    continue
-                why = self._explains(source, victim)
-                if not why or victim.state is not AlarmState.RAISED or source.state is AlarmState.SUPPRESSED:
-                    continue
-                victim = replace(victim, evidence={**victim.evidence, "caused_by": source.key})
-                changed[ends[1]] = self._move(victim, AlarmState.SUPPRESSED, time, "service", why)
+            if source is victim or not (why := self._explains(source, victim)):
+                continue
+            root = self._root(source)
+            if root is None or root.key == victim.key or not self._explaining(root, time):
+                continue
+            victim = replace(victim, evidence={**victim.evidence, "caused_by": root.key})
+            return self._move(victim, Event.EXPLAIN, time, "service", why)
+        return None
+
+    def _root(self, source: Alarm) -> Alarm | None:
+        """What a consequence is a consequence of; an alarm that is none is its own."""
+        if source.state is not AlarmState.SUPPRESSED:
+            return source
+        return next((a for a in self._open.values() if a.key == source.evidence.get("caused_by")), None)
 
     def _explains(self, source: Alarm, victim: Alarm) -> str:
         """Why one alarm may be the consequence of another; empty where it is not."""
@@ -243,7 +292,9 @@ class AlarmBook:
             return f"{source.component} is upstream and has alarm {source.key}"
         return ""
 
-    def _move(self, alarm: Alarm, state: AlarmState, time: int, actor: str, comment: str, through: str = "") -> Alarm:
+    def _move(self, alarm: Alarm, event: Event, time: int, actor: str, comment: str, through: str = "") -> Alarm:
+        state = what_then(alarm.state, event)
+        assert state is not None, (alarm.key, alarm.state, event)
         entry = _entry(time, state, actor, comment) | ({"through": through} if through else {})
         moved = replace(alarm, state=state, updated=time, history=(*alarm.history, entry))
         self._open[subject_of(alarm)] = moved
@@ -255,11 +306,28 @@ class AlarmBook:
 
     def export_state(self) -> JsonObject:
         """Open alarms as plain data."""
-        return {"open": [alarm_to_document(a) for a in self._open.values()]}
+        return {"open": [alarm_to_document(a) for a in self._open.values()], "quiet": dict(self._quiet)}
 
     def restore_state(self, state: JsonObject) -> None:
         """Continue where :meth:`export_state` stood."""
         self._open = {subject_of(a): a for a in map(alarm_from_document, state["open"])}
+        self._quiet = dict(state["quiet"])
+
+
+_PAST: dict[Action, str] = {
+    "acknowledge": "acknowledged", "shelve": "shelved", "unshelve": "unshelved", "clear": "cleared"
+}  # fmt: skip
+
+
+def _end(command: Command, time: int) -> int:
+    """When shelving ends [ns]."""
+    until = command.until
+    if command.span is not None:
+        until = time + round(command.span * NANOSECONDS)
+    if until is None or until <= time:
+        given = "no end" if until is None else f"{iso(until)}"
+        raise AlarmError(f"shelving {command.alarm} needs an end after {iso(time)}, not {given}; say for how long")
+    return until
 
 
 def _said(command: Command) -> tuple[str, str, str]:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.diagnosis.cost import daily_cost
+from fdd.diagnosis.cost import daily_cost, with_cost
 from fdd.diagnosis.departure import Departure
 from fdd.diagnosis.health import of_model, with_frozen, without_frozen
 from fdd.diagnosis.ranking import diagnose
@@ -25,7 +25,7 @@ from fdd.service.framing import Framer, Frames
 from fdd.service.plan import Chiller, Component, Plan
 from fdd.service.recent import Recent
 
-SCHEMA = 6
+SCHEMA = 7
 DAY = 86400 * NANOSECONDS
 REMEMBERED = 9 * DAY  # how long after its onset an alarm is diagnosed anew every day
 _NONE = np.empty(0)  # what a site without filters concatenates
@@ -188,15 +188,14 @@ class Engine:
         return Outputs([r for r in (*rows, *concatenate(days)) if len(r)], alarms, len(frames))
 
     def _alarm(self, time: int, step: ChartStep, chillers: Sequence[ChillerDay]) -> list[Alarm]:
-        changed = self.alarms.tick(time)
         rings = [self._ring(time, int(i), step) for i in step.rang] + [r for day in chillers for r in day.rings]
-        if rings:
-            changed += self.alarms.ring(time, rings)
-        changed += [a for day in chillers if day.retold and (a := self.alarms.of(day.name)) and a not in changed]
+        changed = self.alarms.ring(time, rings) if rings else []
+        changed += [a for day in chillers if day.retold and (a := self.alarms.of(day.name))]
         if self.alarms.open:
-            back = [subject_of(a) for a in self.alarms.open if self._is_normal(a, step)]
-            changed += self.alarms.normal(time, back)
-        return [self._diagnosed(alarm) for alarm in changed]
+            quiet = [subject_of(a) for a in self.alarms.open if self._is_normal(a, step)]
+            changed += self.alarms.review(time, quiet)
+        # An alarm that changed more than once in a frame is told as it now is.
+        return [self._diagnosed(alarm) for alarm in {subject_of(a): a for a in changed}.values()]
 
     def _ring(self, time: int, i: int, step: ChartStep) -> Ring:
         stream = self._charts.streams[i]
@@ -241,7 +240,7 @@ class Engine:
                 alarm,
                 evidence={**alarm.evidence, "departure": departure.document(), "cost_per_day": cost},
                 summary=finding.summary,
-                severity=finding.severity,
+                severity=with_cost(finding.severity, cost, self.plan.tariffs),
                 causes=finding.causes,
                 checks=finding.checks,
             )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fdd.diagnosis.cost import CP, Tariffs, daily_cost
+from fdd.diagnosis.cost import CP, Tariffs, daily_cost, with_cost
 from fdd.diagnosis.departure import Departure, Operation
 from fdd.models.declare import ComponentModel
 from fdd.models.registry import get_model
@@ -95,3 +95,23 @@ def test_what_cannot_be_told_is_said_in_words() -> None:
         assert found["value"] is None
         assert found["why"]
     assert unpriced["kWh_per_day"] > 0
+
+
+@pytest.mark.parametrize(
+    ("severity", "value", "lower", "upper", "expected"),
+    [
+        ("medium", 12.0, 1.0, 30.0, "high"),  # dear, and surely a loss
+        ("medium", 12.0, -1.0, 30.0, "medium"),  # perhaps no loss at all
+        ("medium", 9.9, 5.0, 15.0, "medium"),
+        ("medium", 0.1, -0.1, 0.4, "low"),  # surely cheap
+        ("medium", 0.1, -0.1, 0.6, "medium"),
+        ("high", 100.0, 90.0, 110.0, "high"),
+        ("low", 0.1, 0.0, 0.2, "low"),
+        ("medium", None, None, None, "medium"),  # no price
+    ],
+)
+def test_severity_follows_cost(
+    severity: str, value: float | None, lower: float | None, upper: float | None, expected: str
+) -> None:
+    cost = {"value": value, "lower": lower, "upper": upper}
+    assert with_cost(severity, cost, {"dear": 10.0, "cheap": 0.5}) == expected

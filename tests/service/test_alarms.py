@@ -55,14 +55,24 @@ def test_shelving_ends_by_itself() -> None:
     b = book()
     (alarm,) = b.ring(HOUR, [ring()])
     b.command(Command(alarm.key, "shelve", "anna", HOUR, "waiting for parts", until=5 * HOUR), HOUR)
-    assert b.tick(4 * HOUR) == []
-    assert [a.state for a in b.tick(5 * HOUR)] == [AlarmState.RAISED]
+    assert b.review(4 * HOUR, []) == []
+    assert [a.state for a in b.review(5 * HOUR, [])] == [AlarmState.RAISED]
+
+
+def test_shelving_counts_from_the_event_time_at_which_it_is_carried_out() -> None:
+    b = book()
+    (alarm,) = b.ring(HOUR, [ring()])
+    (shelved,) = b.command(Command(alarm.key, "shelve", "anna", 0, span=7200.0), 10 * HOUR)
+    assert shelved.evidence["shelved_until"] == 12 * HOUR
+    for wrong in ({}, {"until": 9 * HOUR}, {"span": -1.0}):
+        with pytest.raises(AlarmError, match="needs an end after"):
+            b.command(Command(alarm.key, "shelve", "anna", 0, **wrong), 10 * HOUR)
 
 
 def test_alarm_rings_again_after_it_returned_to_normal() -> None:
     b = book()
     b.ring(HOUR, [ring()])
-    assert b.normal(2 * HOUR, ["hx"])[0].state is AlarmState.RETURNED
+    assert b.review(2 * HOUR, ["hx"])[0].state is AlarmState.RETURNED
     assert b.ring(3 * HOUR, [ring()])[0].state is AlarmState.RAISED
 
 
@@ -78,7 +88,7 @@ def test_impossible_actions_name_the_alarm_and_the_state() -> None:
     b = book()
     (alarm,) = b.ring(HOUR, [ring()])
     b.command(Command(alarm.key, "acknowledge", "anna", HOUR), HOUR)
-    with pytest.raises(AlarmError, match="only a raised alarm"):
+    with pytest.raises(AlarmError, match="is acknowledged; it cannot be acknowledged, but shelved, cleared"):
         b.command(Command(alarm.key, "acknowledge", "anna", HOUR), HOUR)
     with pytest.raises(AlarmError, match="open alarms: hx@"):
         b.command(Command("hx@never", "clear", "anna", HOUR), HOUR)
