@@ -30,10 +30,13 @@ from fdd.residual_monitors.budget import YEAR
 from fdd.service.alarms import Command
 from fdd.service.engine import Engine
 from fdd.service.filters import FilterGroup, GroupStep
+from fdd.service.health_charts import KINDS
+from fdd.service.health_charts import SHARE as HEALTH_SHARE
 from fdd.service.history import History
 from fdd.service.identify import identify, innovation_statistics, score_diagnostics
 from fdd.service.opened import open_site
 from fdd.service.plan import Component, Plan
+from fdd.service.still_charts import SHARE as STILL_SHARE
 
 LEARNING = 28.0  # days
 SAMPLES_A_DAY = 288
@@ -219,18 +222,27 @@ def watch(fleet: Fleet, engine: Engine, *, clear: bool = True) -> list[Alarm]:
     return list(seen.values())
 
 
-def counts(fleet: Fleet, sets: Sequence[str], budget: dict[str, float], alarms: Sequence[Alarm]) -> dict[str, Count]:
-    """Alarms and promises of every set by kind of chart; within a component the budget is spread evenly."""
-    charts = {"cusum": 0.0, "score": 0.0}
+def promises(fleet: Fleet) -> dict[str, float]:
+    """Each kind of chart's share of a plant's budget: components and the charts of a component share evenly."""
+    shares = {"still": STILL_SHARE, **dict.fromkeys(KINDS, HEALTH_SHARE / len(KINDS))}
+    plain = 1.0 - STILL_SHARE - HEALTH_SHARE
+    cusum = 0.0
     for c in fleet.plan.components:
         physical = sum(p.kind == "physical" for p in c.model.parameters)
-        share = 1.0 / len(fleet.plan.components) / (physical + len(c.outputs))
-        charts["cusum"] += len(c.outputs) * share
-        charts["score"] += physical * share
+        cusum += plain / len(fleet.plan.components) * len(c.outputs) / (physical + len(c.outputs))
+    return {"cusum": cusum, "score": plain - cusum, **shares}
+
+
+def counts(fleet: Fleet, sets: Sequence[str], budget: dict[str, float], alarms: Sequence[Alarm]) -> dict[str, Count]:
+    """Alarms and promises of every set by kind of chart."""
     years = fleet.plants * fleet.watched()
     found = {}
     for which in sets:
-        own = [a for a in alarms if a.component.startswith(f"{which}/") and a.charts[0].endswith((":cusum", ":score"))]
-        promised = {k: v * budget[which] * years for k, v in charts.items()}
-        found[which] = Count(Counter(a.charts[0].rpartition(":")[2] for a in own), promised)
+        own = Counter(kind_of_chart(a) for a in alarms if a.component.startswith(f"{which}/"))
+        found[which] = Count(own, {k: v * budget[which] * years for k, v in promises(fleet).items()})
     return found
+
+
+def kind_of_chart(alarm: Alarm) -> str:
+    """The kind of the chart that rang first."""
+    return alarm.charts[0].rpartition(":")[2]
