@@ -13,11 +13,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from fdd.greybox import templates
+from fdd.greybox import local, templates
 from fdd.greybox.equations import System, substitute
 from fdd.greybox.trace import Expr, Level
 
-Method = Literal["exact", "rk4"]
+Method = Literal["exact", "rk4", "local"]
 Hold = Literal["zero", "first"]
 LINE = 8  # floats in a cache line
 FORMAT = 4  # raise when the meaning of the generated text changes
@@ -71,11 +71,16 @@ class Layout:
                 sizes |= {name: n * n, "T" + name: n * n * K}
         sizes |= {"PERSISTENT": 0, "DE": q * K, "DS": q * K, "DG": q * n * K, "G": q * n, "TXP": n * K}
         sizes |= {"GRAD": K, "INFO": self.parameters * K, "HELD": 3 * q}
-        if self.variant.method == "exact":
-            for name in ("A", "Q", "X1", "X2", "Y1", "Y2"):
+        if self.variant.method != "rk4":
+            kept = ("AD", "PH", "PH2", "QD") if self.variant.method == "local" else ()
+            for name in (*kept, "A", "Q", "X1", "X2", "Y1", "Y2"):
                 sizes |= {name: n * n, "T" + name: n * n * K}
             sizes |= {"M": n * n, "TM": n * n * K}
+        if self.variant.method == "exact":
             sizes |= {"LAST": (nz - n) * (1 + K)}
+        elif self.variant.method == "local":
+            sizes |= {"C0": n, "TC0": n * K, "C1": n, "TC1": n * K, "TN": n * K, "C2": n, "A0": n * n}
+            sizes |= {"BEFORE": nz * (1 + K)}
         else:
             sizes |= {"TS": nz * K, "TACC": nz * K}
         out, at = {}, 0
@@ -188,7 +193,7 @@ class Generator:
         }  # fmt: skip
         head += [f"{name} = {value}" for name, value in sizes.items()]
         parts = [templates.HEADER, "\n".join(head), self.prepare()]
-        if self.variant.method == "exact":
+        if self.variant.method != "rk4":
             parts.append(templates.discretise(tangents=self.K > 0))
         else:
             parts.append(templates.SUBSTEPS)
@@ -216,7 +221,7 @@ class Generator:
     def _inputs(self, name: str) -> dict[int, str]:
         return {u.index: f"{name}[{i}]" for i, u in enumerate(self.s.u)}
 
-    def _scopes(self, inputs: str) -> tuple[Scope, Scope]:
+    def scopes(self, inputs: str) -> tuple[Scope, Scope]:
         """Scope of parameters and, nested in it, scope of inputs."""
         top = Scope({}, "c", self.constants)
         top.level = Level.PARAMETER
@@ -239,7 +244,7 @@ class Generator:
 
     def start(self) -> str:
         """Start values, their variances and tangents."""
-        top, middle = self._scopes("u")
+        top, middle = self.scopes("u")
         body = middle.inner({y.index: f"y[{j}]" for j, y in enumerate(self.s.y)}, "v")
         tail = [f"w[X + {i}] = {body(e)}" for i, e in enumerate(self.s.x0)]
         for i, state in enumerate(self.s.model.states):
@@ -259,6 +264,8 @@ class Generator:
         head = "def predict(w: array, c: array, dt: float, u0: array, u1: array, n: float) -> float:"
         if self.variant.method == "rk4":
             return "\n".join([head, *indent(self._predict_rk4())])
+        if self.variant.method == "local":
+            return local.functions(self)
         return "\n".join([
             "def advance(w: array, c: array, dt: float, u0: array, u1: array):", *indent(self._advance()), "", "",
             head, *indent(self._predict_exact()),
@@ -290,7 +297,7 @@ class Generator:
     def _predict_rk4(self) -> list[str]:
         nz = self.nz
         first = self.variant.hold == "first"
-        top, middle = self._scopes("u0")
+        top, middle = self.scopes("u0")
         choose = (top if first else middle).inner(self._states("x") | (self._inputs("u0") if first else {}), "j")
         auto = ["if n <= 0.0:", *indent(self._substeps(choose))]
         loop = self._stages_tangent(top, middle, first) if self.K else self._stages(top, middle, first)
@@ -428,7 +435,7 @@ class Generator:
     def _predict_exact(self) -> list[str]:
         n, K, at, s = self.n, self.K, self.at, self.s
         key = ["w[KEY] != dt", *(f"w[KEY + {i + 1}] != u0[{v}]" for i, v in enumerate(s.varying))]
-        fresh_top, fresh = self._scopes("u0")
+        fresh_top, fresh = self.scopes("u0")
         entries = [f"w[A + {i * n + j}] = {fresh(s.A[i][j])}" for i in range(n) for j in range(n)]
         entries += [f"w[Q + {i * n + i}] = {fresh(s.q[i])}" for i in range(n)]
         if K:
@@ -442,17 +449,17 @@ class Generator:
         lines = [f"if {' or '.join(key)}:", *indent(refresh), "advance(w, c, dt, u0, u1)"]
         if K:
             lines += ["propagate_covariance_tangents(w)"]
-        return [*lines, *self._propagate_covariance(), "return 1.0"]
+        return [*lines, *self.propagate_covariance(), "return 1.0"]
 
     def _advance(self) -> list[str]:
         """x+ = Ad x + Ph c (+ Ph2 dc/dt) with tangents; the covariance may have settled."""
         n, r, first = self.n, range(self.n), self.variant.hold == "first"
-        top, middle = self._scopes("u0")
+        top, middle = self.scopes("u0")
         drive = [f"c_{i} = {middle(c)}" for i, c in enumerate(self.s.c)]
         own = [self._own(middle, c) for c in self.s.c] if self.K else []
         lines = [*top.lines, *middle.lines, *drive]
         if first:
-            after_top, after = self._scopes("u1")
+            after_top, after = self.scopes("u1")
             after.prefix = "a"
             slope = [f"d_{i} = ({_wrap(after(c))} - c_{i}) / dt" for i, c in enumerate(self.s.c)]
             later = [self._own(after, c) for c in self.s.c] if self.K else []
@@ -485,7 +492,7 @@ class Generator:
             lines.append(f"w[{at['T'] + i * K} + k] = {' + '.join(terms)}")
         return lines
 
-    def _propagate_covariance(self) -> list[str]:
+    def propagate_covariance(self) -> list[str]:
         """P+ = Ad P Ad' + Qd, unrolled."""
         n, r = self.n, range(self.n)
         lines = [f"a{i}_{j} = w[AD + {i * n + j}]" for i in r for j in r]
@@ -508,7 +515,7 @@ class Generator:
             head += [f"z{i} = x{i}" for i in range(n)]
             if self.K:
                 head += [f"for m in range({n * self.K}):", "    w[TXP + m] = w[T + m]"]
-        top, middle = self._scopes("u")
+        top, middle = self.scopes("u")
         marginal = middle.inner(self._states("x"), "m")
         shown: list[str] = []
         for j in range(q):
@@ -526,7 +533,7 @@ class Generator:
         s, n, q, K, at = self.s, self.n, len(self.s.y), self.K, self.at
         lines: list[str] = []
         for j in range(q if self.freezes else 0):
-            top, middle = self._scopes("u")
+            top, middle = self.scopes("u")
             scope = middle.inner({x.index: f"w[{i}]" for i, x in enumerate(s.x)}, f"v{j}_")
             expected = scope(s.h[j])
             tangent: list[str] = []

@@ -60,6 +60,7 @@ class FilterBank:
     score : also compute score and information of every sample. The score is -sum(w e / S), w = d innovation / d theta,
         theta on the declared transform scale; the term with the derivative of S is left out on purpose, because
         without it the score keeps mean zero when the noise is wrong and the physics right.
+    method : of prediction; exact discretisation or Runge-Kutta by default, "local" for stiff models (local.py)
 
     Raises
     ------
@@ -68,10 +69,10 @@ class FilterBank:
 
     def __init__(
         self, model: ComponentModel, parameters: ArrayLike, *, score: bool = True, hold: codegen.Hold = "zero",
-        plain: bool = False,
+        method: codegen.Method | None = None, plain: bool = False,
     ) -> None:  # fmt: skip
         self.model = model
-        self.kernel: Kernel = kernel(model, hold=hold, tangents=score, plain=plain)
+        self.kernel: Kernel = kernel(model, method=method, hold=hold, tangents=score, plain=plain)
         values = np.array(parameters, dtype=np.float64, ndmin=2)
         self.parameters, self._scale = np.empty_like(values), np.empty_like(values)
         self._c = self.kernel.constants(len(values))

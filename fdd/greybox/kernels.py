@@ -58,11 +58,6 @@ class Kernel:
 _loaded: dict[tuple[int, Variant, bool], Kernel] = {}
 
 
-def method_of(system: System) -> codegen.Method:
-    """Exact discretisation where the drift is linear in the states, Runge-Kutta with automatic substeps elsewhere."""
-    return "exact" if system.linear else "rk4"
-
-
 def kernel(
     model: ComponentModel,
     *,
@@ -73,7 +68,7 @@ def kernel(
 ) -> Kernel:
     """The kernel of a model; ``plain`` runs the same text as ordinary Python, slowly, as an oracle."""
     system = trace(model)
-    variant = Variant(method or _method(system, hold), hold, tangents)
+    variant = Variant(method or default_method(model, hold), hold, tangents)
     name = (id(model), variant, plain)
     known = _loaded.get(name)
     if known is not None and known.system is system:
@@ -86,9 +81,11 @@ def kernel(
     return made
 
 
-def _method(system: System, hold: codegen.Hold) -> codegen.Method:
+def default_method(model: ComponentModel, hold: codegen.Hold = "zero") -> codegen.Method:
+    """Exact discretisation where the drift is linear in the states, Runge-Kutta with automatic substeps elsewhere."""
+    system = trace(model)
     # An interpolated input inside A is no longer a constant matrix over the step.
-    return "rk4" if hold == "first" and system.varying else method_of(system)
+    return "exact" if system.linear and not (hold == "first" and system.varying) else "rk4"
 
 
 def cache_folder() -> Path:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fdd.greybox import codegen
-from fdd.greybox.kernels import Kernel, kernel
+from fdd.greybox.kernels import Kernel, default_method, kernel
 from fdd.models.declare import ComponentModel, Parameter
 
 FloatArray = NDArray[np.float64]
@@ -19,6 +19,9 @@ FAILURES = {
     7: "an innovation variance is not positive",
     8: "the dynamics are too fast for the time step (more than 20 000 Runge-Kutta substeps)",
 }
+TOO_FAST = 8
+STIFF = 32  # Runge-Kutta substeps a sample from which local linearisation is tried
+LOCAL_COST = 8  # Runge-Kutta substeps that one of local linearisation costs
 
 
 class DataError(ValueError):
@@ -216,29 +219,54 @@ class Likelihood:
         self.method, self.plain, self.huber = method, plain, huber
         self._nsub = [np.full(len(d.dt), float(substeps or 0)) for d in self.records]
         self._fixed_substeps = substeps is not None
+        self._methods = [method or default_method(model, d.hold) for d in self.records]
+        # What follows from the model alone needs no look at parameters.
+        self._chosen = self._fixed_substeps or method is not None or "rk4" not in self._methods
 
     def kernels(self, tangents: bool) -> list[Kernel]:
         """The kernel of each record."""
-        return [
-            kernel(self.model, method=self.method, hold=d.hold, tangents=tangents, plain=self.plain)
-            for d in self.records
-        ]
+        return [self.kernel(i, tangents) for i in range(len(self.records))]
+
+    def kernel(self, i: int, tangents: bool) -> Kernel:
+        """The kernel of one record."""
+        hold = self.records[i].hold
+        return kernel(self.model, method=self._methods[i], hold=hold, tangents=tangents, plain=self.plain)
+
+    def prediction(self) -> str:
+        """How each record is predicted between samples, as chosen last."""
+        return "; ".join(dict.fromkeys(map(_words, self._methods, self._nsub)))
 
     def choose_substeps(self, values: FloatArray) -> bool:
-        """Choose Runge-Kutta substeps anew at these parameters; True where that changed any.
+        """Choose method and substeps anew at these parameters; True where that changed any.
 
-        They stay as they are between calls, so that the likelihood is one smooth function during a search.
+        Where Runge-Kutta would need more than ``STIFF`` substeps a sample, local linearisation takes its place if it
+        costs less. They stay as they are between calls, so that the likelihood is one smooth function during a search.
         """
         if self._fixed_substeps:
             return False
-        before = [n.copy() for n in self._nsub]
-        for n in self._nsub:
+        before = [(method, n.copy()) for method, n in zip(self._methods, self._nsub, strict=True)]
+        self._chosen = True
+        for i, n in enumerate(self._nsub):
+            if self.method is None and self._methods[i] == "local":
+                self._methods[i] = "rk4"
             n[:] = 0
-        self.value(values)
-        return any((a != b).any() for a, b in zip(before, self._nsub, strict=True))
+            status = self._run(i, values, False)[-1]
+            if self.method is None and self._methods[i] == "rk4" and (status == TOO_FAST or n.mean() > STIFF):
+                self._linearise(i, values, status)
+        after = zip(self._methods, self._nsub, strict=True)
+        return any(a[0] != b[0] or (a[1] != b[1]).any() for a, b in zip(before, after, strict=True))
+
+    def _linearise(self, i: int, values: FloatArray, status: int) -> None:
+        """Local linearisation for a record, unless Runge-Kutta has a likelihood and costs less."""
+        n, slow = self._nsub[i], self._nsub[i].copy()
+        self._methods[i], n[:] = "local", 0.0
+        other = self._run(i, values, False)[-1]
+        if status == 0 and (other != 0 or n.sum() * LOCAL_COST > slow.sum()):
+            self._methods[i], n[:] = "rk4", slow
 
     def value(self, values: FloatArray) -> float:
         """NLL at natural parameters (n_p,); infinite where the filter fails."""
+        self._choose_once(values)
         return float(sum(self._run(i, values, False)[0] for i in range(len(self.records))))
 
     def evaluate(self, values: FloatArray, information: bool = True) -> Evaluation:
@@ -246,10 +274,11 @@ class Likelihood:
 
         Without ``information`` it is left zero, which saves its part of the time.
         """
+        self._choose_once(values)
         k = len(values)
         total, gradient, fisher = 0.0, np.zeros(k), np.zeros((k, k))
         for i in range(len(self.records)):
-            value, reason, g, info, _, _ = self._run(i, values, True, want=information)
+            value, reason, g, info, *_ = self._run(i, values, True, want=information)
             if reason:
                 return Evaluation(math.inf, gradient, fisher, reason)
             total, gradient, fisher = total + value, gradient + g, fisher + info
@@ -258,10 +287,15 @@ class Likelihood:
 
     def paths(self, values: FloatArray) -> list[FilterPath]:
         """What the filter saw in each record at natural parameters (n_p,)."""
+        self._choose_once(values)
         return [self._path(i, values) for i in range(len(self.records))]
 
+    def _choose_once(self, values: FloatArray) -> None:
+        if not self._chosen:
+            self.choose_substeps(values)
+
     def _path(self, i: int, values: FloatArray) -> FilterPath:
-        _, reason, _, _, out, path = self._run(i, values, False, keep=True)
+        _, reason, _, _, out, path, _ = self._run(i, values, False, keep=True)
         if reason:
             raise DataError(f"{self.model.name}: {reason}")
         n, q = len(self.model.states), len(self.model.outputs)
@@ -273,7 +307,7 @@ class Likelihood:
         self, i: int, values: FloatArray, tangents: bool, keep: bool = False, want: bool = True
     ) -> tuple[Any, ...]:
         d = self.records[i]
-        k = kernel(self.model, method=self.method, hold=d.hold, tangents=tangents, plain=self.plain)
+        k = self.kernel(i, tangents)
         n_p, q, nz = len(values), d.y.shape[1], k.layout.nz
         grad, info = np.zeros(n_p), np.zeros((n_p, n_p))
         out = np.empty((len(d), 4 * q))
@@ -291,7 +325,15 @@ class Likelihood:
         if status:
             where = f"row {at} (t = {d.t[at]:g})" if at < len(d) else "some row"
             reason = f"{d.name}: in {where} {FAILURES[status]}"
-        return value, reason, grad, info, out, path
+        return value, reason, grad, info, out, path, status
+
+
+def _words(method: codegen.Method, n: FloatArray) -> str:
+    if method == "exact":
+        return "exact discretisation"
+    name = {"rk4": "Runge-Kutta of order four", "local": "local linearisation (stiff)"}[method]
+    few, most = (int(n.min()), int(n.max())) if len(n) else (0, 0)
+    return f"{name}, {few if few == most else f'{few} to {most}'} substep{'s' if most > 1 else ''} a sample"
 
 
 def unpack(P: FloatArray, n: int) -> FloatArray:

@@ -45,6 +45,7 @@ class FitResult:
     unidentifiable : parameters the data say nothing about, alone or together
     at_bound : parameters that ended on a bound
     trials : one row a search
+    prediction : how the filter went from sample to sample, as it was chosen
     warnings : what the data and the optimum suggest to look at
     """
 
@@ -70,6 +71,7 @@ class FitResult:
     priors: Mapping[str, tuple[float, float]]
     start: Mapping[str, float]
     span: tuple[tuple[float, float], ...]
+    prediction: str = ""
     model: ComponentModel | None = None
     likelihood: Likelihood | None = None
 
@@ -121,6 +123,7 @@ class FitResult:
             priors=dict(priors),
             start=dict(start),
             span=tuple((float(d.t[0]), float(d.t[-1])) for d in records),
+            prediction=likelihood.prediction(),
             model=model,
             likelihood=likelihood,
         )
@@ -188,6 +191,7 @@ class FitResult:
             f"{self.nobs} measured values, {len(self.free)} parameters, "
             f"{'converged' if self.converged else 'NOT CONVERGED'} ({self.reason}), {len(self.trials)} search(es), "
             f"errors from the {self.errors} information",
+            *([f"prediction: {self.prediction}"] if self.prediction else []),
             "",
             f"{'parameter':<14}{'estimate':>14}{'std err':>12}{'t':>9}{'P>|t|':>8}  unit",
         ]
@@ -234,6 +238,7 @@ class FitResult:
             "priors": {k: list(v) for k, v in self.priors.items()},
             "start": dict(self.start),
             "span": [list(s) for s in self.span],
+            "prediction": self.prediction,
             "trials": [
                 {"start": t.start.tolist(), "theta": t.theta.tolist(), "value": t.value, "evaluations": t.evaluations,
                  "converged": t.converged, "reason": t.reason}
@@ -289,6 +294,7 @@ class FitResult:
             priors={k: (v[0], v[1]) for k, v in document["priors"].items()},
             start=dict(document["start"]),
             span=tuple((s[0], s[1]) for s in document["span"]),
+            prediction=document.get("prediction", ""),
             model=model,
             likelihood=likelihood,
         )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.greybox.kernels import kernel
+from fdd.greybox.kernels import Kernel
 from fdd.greybox.likelihood import Data
 from fdd.greybox.results import FitResult
 from fdd.models.declare import ComponentModel
@@ -35,13 +35,13 @@ def predict(result: FitResult, k: int, data: Data | None = None) -> FloatArray:
     d = data if data is not None else result._likelihood().records[0]
     if not 1 <= k < len(d):
         raise ValueError(f"cannot predict {k} samples ahead in a record of {len(d)}; give 1 <= k < {len(d)}")
-    model = result._model()
-    path = result.paths(d)[0]
+    likelihood = result._likelihood(d)
+    path = likelihood.paths(result.values)[0]
     if k == 1:
         out = path.predicted.copy()
         out[0] = np.nan
         return out
-    kern = kernel(model, hold=d.hold)
+    kern = likelihood.kernel(0, tangents=False)
     c, w, n = kern.constants(), kern.workspace(), kern.layout.n
     rows, columns = np.triu_indices(n)
     out, shown, nothing = np.full_like(d.y, np.nan), np.empty(4 * d.y.shape[1]), np.full(d.y.shape[1], np.nan)
@@ -64,21 +64,22 @@ def smooth(result: FitResult, data: Data | None = None) -> tuple[FloatArray, Flo
     of the prediction, found by central differences of the kernel itself.
     """
     d = data if data is not None else result._likelihood().records[0]
-    path = result.paths(d)[0]
+    likelihood = result._likelihood(d)
+    path = likelihood.paths(result.values)[0]
+    kern = likelihood.kernel(0, tangents=False)
     xs, Ps = path.xf.copy(), path.Pf.copy()
     for i in range(len(d) - 2, -1, -1):
-        F = _transition(result, d, i, path.xf[i], path.Pf[i])
+        F = _transition(kern, result.values, d, i, path.xf[i], path.Pf[i])
         G = np.linalg.lstsq(path.P[i + 1].T, F @ path.Pf[i].T, rcond=None)[0].T
         xs[i] = path.xf[i] + G @ (xs[i + 1] - path.x[i + 1])
         Ps[i] = path.Pf[i] + G @ (Ps[i + 1] - path.P[i + 1]) @ G.T
     return xs, Ps
 
 
-def _transition(result: FitResult, d: Data, i: int, x: FloatArray, P: FloatArray) -> FloatArray:
-    kern = kernel(result._model(), hold=d.hold)
+def _transition(kern: Kernel, values: FloatArray, d: Data, i: int, x: FloatArray, P: FloatArray) -> FloatArray:
     c, n = kern.constants(), kern.layout.n
     rows, columns = np.triu_indices(n)
-    kern.module.prepare(result.values, c)
+    kern.module.prepare(values, c)
     out = np.empty((n, n))
     h = 1e-5 * np.maximum(1.0, np.abs(x))
     for j in range(n):
