@@ -29,6 +29,7 @@ class Autocorrelation(WindowChart):
     ----------
     limit : shape (n,), on Q
     window : values of a window N
+    block : values seen that make one of them, summed over the root of their number
     lags : m
 
     References
@@ -39,8 +40,8 @@ class Autocorrelation(WindowChart):
 
     kind = "autocorrelation"
 
-    def __init__(self, limit: ArrayLike, *, window: int = 288, lags: int = 12) -> None:
-        super().__init__(limit, window=window)
+    def __init__(self, limit: ArrayLike, *, window: int = 288, lags: int = 12, block: int = 1) -> None:
+        super().__init__(limit, window=window, block=block)
         if not 1 <= lags <= window // 8:
             raise ValueError(f"autocorrelation chart: {lags} lags in a window of {window}; give 1 to {window // 8}")
         self.lags = int(lags)

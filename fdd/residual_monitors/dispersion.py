@@ -29,6 +29,7 @@ class Dispersion(WindowChart):
     ----------
     limit : shape (n,), on the distance
     window : values of a window N
+    block : values seen that make one of them, summed over the root of their number
     centre : scalar or shape (n,), x of a healthy stream; 0 where the filter's variance is right
 
     References
@@ -38,8 +39,8 @@ class Dispersion(WindowChart):
 
     kind = "dispersion"
 
-    def __init__(self, limit: ArrayLike, *, window: int = 288, centre: ArrayLike = 0.0) -> None:
-        super().__init__(limit, window=window)
+    def __init__(self, limit: ArrayLike, *, window: int = 288, centre: ArrayLike = 0.0, block: int = 1) -> None:
+        super().__init__(limit, window=window, block=block)
         self.centre = per_stream(centre, self.n, "centre")
 
     @classmethod

@@ -27,6 +27,7 @@ class Periodogram(WindowChart):
     ----------
     limit : shape (n,), on D
     window : values of a window N
+    block : values seen that make one of them, summed over the root of their number
 
     References
     ----------
@@ -35,8 +36,8 @@ class Periodogram(WindowChart):
 
     kind = "periodogram"
 
-    def __init__(self, limit: ArrayLike, *, window: int = 288) -> None:
-        super().__init__(limit, window=window)
+    def __init__(self, limit: ArrayLike, *, window: int = 288, block: int = 1) -> None:
+        super().__init__(limit, window=window, block=block)
 
     @classmethod
     def design(cls, arl: ArrayLike, *, window: int = 288) -> Periodogram:

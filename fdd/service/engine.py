@@ -25,7 +25,7 @@ from fdd.service.framing import Framer, Frames
 from fdd.service.plan import Chiller, Component, Plan
 from fdd.service.recent import Recent
 
-SCHEMA = 7
+SCHEMA = 8
 DAY = 86400 * NANOSECONDS
 REMEMBERED = 9 * DAY  # how long after its onset an alarm is diagnosed anew every day
 _NONE = np.empty(0)  # what a site without filters concatenates

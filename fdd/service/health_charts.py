@@ -24,6 +24,7 @@ from fdd.residual_monitors.autocorrelation import Autocorrelation
 from fdd.residual_monitors.chart import Verdicts
 from fdd.residual_monitors.dispersion import Dispersion
 from fdd.residual_monitors.periodogram import Periodogram
+from fdd.residual_monitors.window import FILLING, blocks
 from fdd.service.chart_family import BoolArray, FamilyKind, Stream
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.plan import Component, Plan
@@ -32,8 +33,10 @@ KINDS = ("autocorrelation", "periodogram", "dispersion")
 # Share of the plant's false alarms that may be the models'.
 SHARE = 0.1
 DAY = 86400 * NANOSECONDS
-# A window has at least this many values; with long frames it is longer than a day.
+# A window has at least this many values, with long frames it is longer than a day; and no more than so many, with short
+# frames a value is the sum of several: what a chart keeps does not grow with the rate.
 SHORTEST = 96
+LONGEST = 288
 LAGS = 12
 # Fewer windows than this say nothing of how far a healthy day may go.
 FEWEST = 6
@@ -41,19 +44,22 @@ FEWEST = 6
 OUTLIER = 5.0
 
 
-def window_of(step: int) -> int:
-    """Values of a window at this length of a frame [ns]."""
-    return max(SHORTEST, DAY // step)
+def window_of(step: int) -> tuple[int, int]:
+    """Values of a window and frames of a value at this length of a frame [ns]."""
+    frames = max(SHORTEST, DAY // step)
+    block = -(-frames // LONGEST)
+    return frames // block, block
 
 
-def window_statistics(white: FloatArray, window: int) -> JsonObject:
+def window_statistics(white: FloatArray, window: int, block: int = 1) -> JsonObject:
     """What the tests say of the baseline's own windows: mean, standard deviation and number, by kind; plain data.
 
     Parameters
     ----------
     white : shape (n,), standardised and whitened innovations in order, without gaps
+    window, block : see :func:`window_of`
     """
-    values = np.clip(white, -OUTLIER, OUTLIER)
+    values = blocks(np.clip(white, -OUTLIER, OUTLIER), block)
     values = values[: len(values) // window * window].reshape(-1, window)
     if len(values) < FEWEST:
         return {}
@@ -63,14 +69,15 @@ def window_statistics(white: FloatArray, window: int) -> JsonObject:
         "periodogram": np.log(Periodogram(one, window=window).statistics(values)),
         "dispersion": Dispersion(one, window=window).scores(values),
     }
-    return {"window": window} | {k: [float(s.mean()), float(s.std(ddof=1)), len(s)] for k, s in found.items()}
+    spans = {"window": window, "block": block}
+    return spans | {k: [float(s.mean()), float(s.std(ddof=1)), len(s)] for k, s in found.items()}
 
 
 class HealthCharts:
     """Three tests on the windows of every output; statistics count from the baseline's mean, on a normal scale."""
 
     def __init__(self, plan: Plan, groups: Sequence[FilterGroup], arl: Mapping[str, float]) -> None:
-        self._window = window_of(plan.step)
+        self._window, self._block = window_of(plan.step)
         outputs = [(g, i, c, q.symbol) for g in groups for i, c in enumerate(g.components) for q in g.model.outputs]
         self._carried = np.array([c.carries("health", symbol) for _, _, c, symbol in outputs], dtype=np.bool_)
         self._outputs = [o for o, carried in zip(outputs, self._carried, strict=True) if carried]
@@ -79,18 +86,19 @@ class HealthCharts:
             for kind in KINDS
             for _, _, c, symbol in self._outputs
         )
-        self._chance = np.array([min(0.5, self._window / arl[c.name]) for _, _, c, _ in self._outputs])
+        self._chance = np.array([min(0.5, self._window * self._block / arl[c.name]) for _, _, c, _ in self._outputs])
         ones = np.ones(len(self._outputs))
-        self._memory = Autocorrelation(ones, window=self._window, lags=LAGS)
-        self._colour = Periodogram(ones, window=self._window)
-        self._spread = Dispersion(ones, window=self._window)
+        self._memory = Autocorrelation(ones, window=self._window, lags=LAGS, block=self._block)
+        self._colour = Periodogram(ones, window=self._window, block=self._block)
+        self._spread = Dispersion(ones, window=self._window, block=self._block)
         self._charts = (self._memory, self._colour, self._spread)
         self._inform()
 
     def _inform(self) -> None:
         """Take centres and limits from the baselines; an output whose baseline was too short is not judged."""
         stored = [g.baselines[i].innovation.get(symbol, {}).get("windows", {}) for g, i, _, symbol in self._outputs]
-        self._known = np.array([s.get("window") == self._window for s in stored], dtype=np.bool_)
+        wanted = (self._window, self._block)
+        self._known = np.array([(s.get("window"), s.get("block", 1)) == wanted for s in stored], dtype=np.bool_)
         p = self._chance
         memory, colour, spread = (
             _Reach.of([s[kind] if known else None for s, known in zip(stored, self._known, strict=True)], *chance)
@@ -136,13 +144,17 @@ class HealthCharts:
         return {"test": KINDS[stream // max(1, len(self._outputs))]}
 
     def export_state(self) -> JsonObject:
-        """The charts as plain data."""
-        return {kind: chart.export_state() for kind, chart in zip(KINDS, self._charts, strict=True)}
+        """The charts as plain data; the windows, which are the same for all of them, once."""
+        states = [chart.export_state() for chart in self._charts]
+        return {
+            k: {n: v for n, v in s.items() if i == 0 or n not in FILLING}
+            for i, (k, s) in enumerate(zip(KINDS, states, strict=True))
+        }
 
     def restore_state(self, state: JsonObject) -> None:
         """Continue where :meth:`export_state` stood."""
         for kind, chart in zip(KINDS, self._charts, strict=True):
-            chart.restore_state(state[kind])
+            chart.restore_state({n: state[KINDS[0]][n] for n in FILLING} | state[kind])
 
 
 class _Reach:

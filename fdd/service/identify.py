@@ -130,7 +130,7 @@ def innovation_statistics(component: Component, steps: Sequence[GroupStep], step
             "sd": sd,
             "lag1": lag1,
             "samples": len(seen),
-            "windows": window_statistics(white / sd, window_of(step)),
+            "windows": window_statistics(white / sd, *window_of(step)),
         }
     return found
 

@@ -9,6 +9,7 @@ from scipy.stats import chi2, kstest, kstwo
 
 from fdd.residual_monitors.autocorrelation import Autocorrelation
 from fdd.residual_monitors.chart import Phase
+from fdd.residual_monitors.dispersion import Dispersion
 from fdd.residual_monitors.drift import Drift
 from fdd.residual_monitors.ewma import Ewma
 from fdd.residual_monitors.glr import WINDOWS, Glr
@@ -19,6 +20,7 @@ from fdd.residual_monitors.run_length import Rule, arl
 from fdd.residual_monitors.run_rules import rule_limits, rules_arl
 from fdd.residual_monitors.scan import scan_arl
 from fdd.residual_monitors.shewhart import Shewhart
+from fdd.residual_monitors.window import blocks
 
 OFF = np.inf
 ZERO = 1e-12
@@ -157,6 +159,26 @@ def test_periodogram_finds_a_hidden_line() -> None:
     assert said.phase[0] == Phase.ALARM
     statistic = chart.statistics(rng.standard_normal((4000, 288)))
     assert kstest(statistic, lambda d: kstwo.cdf(d, 142)).pvalue > 1e-3
+
+
+def test_window_of_blocks_says_what_a_window_of_their_sums_says() -> None:
+    """Through gaps, and with the onset in updates."""
+    rng, block = default_rng(21), 5
+    z = rng.standard_normal(96 * block)
+    coarse = Dispersion.design([1e5], window=96)
+    for value in blocks(z, block):
+        wanted = coarse.update([value])
+    fine = Dispersion(coarse.limit, window=96, block=block)
+    for i, value in enumerate(z):
+        if i % 7 == 3:
+            fine.update([np.nan])
+        said = fine.update([value])
+    assert said.statistic[0] == wanted.statistic[0]
+    assert said.phase[0] == Phase.QUIET
+    for value in 3.0 * z:
+        said = fine.update([value])
+    assert said.phase[0] == Phase.ALARM
+    assert said.onset_age[0] == 96 * block
 
 
 def test_drift_takes_estimates_with_their_errors() -> None:

@@ -127,7 +127,8 @@ def test_new_baseline_ends_the_alarm_of_the_model(long: Truth, known: dict[str, 
 
 def test_rate_of_the_health_charts_on_baselines_with_and_without_colour() -> None:
     """Windows beyond the limits of other, short baselines: as often as promised, averaged over the baselines."""
-    rng, chance, window = np.random.default_rng(5), 0.01, window_of(FRAME)
+    rng, chance, (window, block) = np.random.default_rng(5), 0.01, window_of(FRAME)
+    assert block == 1
     for rho in (0.0, 0.15):
         over = dict.fromkeys(KINDS, 0)
         for _ in range(40):
@@ -144,6 +145,22 @@ def test_rate_of_the_health_charts_on_baselines_with_and_without_colour() -> Non
         for kind, count in over.items():
             # 20 are promised of 2000; five standard errors, as the days of one baseline go together. None: blind.
             assert 1 <= count <= 20 + 5 * np.sqrt(20), (rho, kind, count)
+
+
+def test_colour_that_is_slower_than_a_block_is_found_at_one_value_a_second() -> None:
+    """Days of 86 400 values in windows of 288: white days are passed, an hour's memory is not."""
+    rng = np.random.default_rng(8)
+    window, block = window_of(NANOSECONDS)
+    assert window * block == 86_400
+    noise = rng.standard_normal((16, 86_400))
+    own = window_statistics(noise[:10].ravel(), window, block)
+    later = noise[10:].copy()
+    slow = np.repeat(rng.standard_normal((6, 24)), 3600, axis=1)
+    for day in later, later + 0.2 * slow:
+        for kind, over in (("periodogram", day is not later), ("autocorrelation", day is not later)):
+            r = _Reach.of([own[kind]], np.array([1e-3]), np.array([-np.inf]))
+            x = window_statistics(day.ravel(), window, block)[kind][0]
+            assert (x > r.limit[0]) == over, (kind, x, r.limit)
 
 
 def test_alarm_of_the_model_is_suppressed_by_one_of_the_plant_in_either_order_and_goes_with_it() -> None:
