@@ -8,6 +8,7 @@ from grafana_foundation_sdk.builders.dashboard import Dashboard
 from dashboards import panels, variables
 from dashboards.queries import alarms, count_alarms, flux_list
 from dashboards.settings import GREEN, ORANGE, SEVERITY_COLOURS, STATE_COLOURS
+from fdd.report.render import page_of
 from fdd.store.schema import ALARM_STATES, SEVERITIES
 
 _COLUMNS = ("priority", "state", "component", "summary", "since", "raised", "updated", "key")
@@ -42,7 +43,7 @@ def alarm_table(title: str, where: str, height: int = 18) -> table.Panel:
         panel, "component", "Open the component", "/d/fdd-component?var-site=${site}&var-component=${__value.raw}"
     )
     panel = panels.linked(panel, "summary", "What to do", "${runbook}#alarms")
-    return panels.linked(panel, "key", "Open the report", "${reports}/${__value.raw:percentencode}.html")
+    return panels.linked(panel, "key", "Open the report", "${reports}/" + page_of("${__value.raw:percentencode}"))
 
 
 def build() -> Dashboard:

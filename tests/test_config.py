@@ -74,6 +74,7 @@ def test_twelve_lines_are_enough_for_a_strangers_csv() -> None:
         ('name: x\nreidentify: {at: "25:00"}\n', 2, "reidentify.at", "02:30"),
         ("name: x\nreidentify: {every: 36 h}\n", 2, "reidentify.every", "'1 d'"),
         ("name: x\nreports: {every: daily}\n", 2, "reports.every", "weekly"),
+        ("name: x\nequipment:\n  ahu/coil: {model: zone}\n", 3, "equipment.ahu/coil", "Write 'ahu-coil'"),
         ("name: x\nmetrics: here\n", 2, "metrics", "127.0.0.1:9464"),
         ("name: x\nstep: 5\n", 2, "step", "'5 min'"),
         ("name: x\nstep: -5 min\n", 2, "step", "not positive"),

@@ -293,6 +293,12 @@ class Site(Strict):
 
     def _check_equipment(self) -> None:
         for name, item in self.equipment.items():
+            if "/" in name or name in ("", "-", ".", ".."):
+                raise refusal(
+                    f"{name!r} cannot be a name: series are named equipment/name and pages after equipment",
+                    f"Write {name.replace('/', '-').strip('.-') or 'a word'!r}, and the full text as 'title'.",
+                    f"equipment.{name}",
+                )
             for table in ("inputs", "outputs"):
                 for role, point in getattr(item, table).items():
                     if point not in self.points:

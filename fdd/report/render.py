@@ -80,12 +80,17 @@ def render_html(report: Report, *, single: bool = False) -> str:
     )
 
 
+def page_of(key: str) -> str:
+    """Name of the page of an alarm; a dashboard's link asks for it with the key of a row, percent-encoded."""
+    return f"{key}.html"
+
+
 def write_pages(report: Report, folder: Path) -> list[Path]:
     """A page for every alarm of the period, ``KEY.html``: where dashboards and alarm lists link to."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for f in (*report.findings, *report.consequences, *report.closed):
-        path = folder / f"{f.key.replace('/', '-')}.html"
+        path = folder / page_of(f.key)
         path.write_text(render_html(report.only(f), single=True), encoding="utf-8")
         written.append(path)
     return written

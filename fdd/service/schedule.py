@@ -7,7 +7,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import date, datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
 from typing import Literal
@@ -51,14 +51,39 @@ class Schedule:
                 return due
             day += timedelta(days=1)
 
+    def day(self, time: int) -> date:
+        """The site's date at an event time [ns]."""
+        return datetime.fromtimestamp(time / NANOSECONDS, ZoneInfo(self.zone)).date()
+
+    def midnight(self, day: date) -> int:
+        """Event time [ns] at which a day of the site begins."""
+        begin = datetime(day.year, day.month, day.day, tzinfo=ZoneInfo(self.zone))
+        return round(begin.timestamp()) * NANOSECONDS
+
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A schedule and the arguments of ``fdd`` that do its work; ``{until}`` and ``{since}`` stand for times."""
+    """A schedule and the arguments of ``fdd`` that do its work; ``{until}`` and ``{since}`` stand for times.
+
+    ``span`` [s] is how far back a job that is due every so many days looks.
+    """
 
     schedule: Schedule
     arguments: tuple[str, ...]
-    span: float
+    span: float = 0.0
+
+    def period(self, due: int) -> tuple[int, int]:
+        """What it is about, from and until [ns]: the week or month of the calendar that has ended, else the span."""
+        last = self.schedule.day(due)
+        if self.schedule.every == "weekly":
+            last -= timedelta(days=last.weekday())
+            first = last - timedelta(days=7)
+        elif self.schedule.every == "monthly":
+            last = last.replace(day=1)
+            first = (last - timedelta(days=1)).replace(day=1)
+        else:
+            return due - round(self.span * NANOSECONDS), due
+        return self.schedule.midnight(first), self.schedule.midnight(last)
 
 
 def jobs_of(site: Site, site_file: Path) -> list[Job]:
@@ -76,8 +101,7 @@ def jobs_of(site: Site, site_file: Path) -> list[Job]:
         arguments = ["report", str(site_file), "--out", f"{name}.html", "--from", "{since}", "--until", "{until}"]
         if site.reports.pdf:
             arguments += ["--pdf", f"{name}.pdf"]
-        span = 7 * DAY if site.reports.every == "weekly" else 31 * DAY
-        found.append(Job(Schedule("report", site.reports.every, REPORT_AT, site.zone), tuple(arguments), span))
+        found.append(Job(Schedule("report", site.reports.every, REPORT_AT, site.zone), tuple(arguments)))
     return found
 
 
@@ -132,8 +156,8 @@ class JobRunner:
         return ended
 
     def _start(self, job: Job, due: int) -> None:
-        since = due - round(job.span * NANOSECONDS)
-        table = {"until": iso(due), "since": iso(since), "day": iso(due)[:10]}
+        since, until = job.period(due)
+        table = {"until": iso(until), "since": iso(since), "day": job.schedule.day(due).isoformat()}
         arguments = [a.format(**table) if "{" in a else a for a in job.arguments]
         path = self._folder / f"job-{job.schedule.name}.log"
         for a, b in pairwise(arguments):

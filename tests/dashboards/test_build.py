@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote, unquote
 
 import pytest
 from ruamel.yaml import YAML
@@ -15,6 +16,7 @@ from ruamel.yaml import YAML
 from dashboards import build, settings
 from dashboards.alerts import RULES
 from dashboards.queries import condition, rows
+from fdd.report.render import page_of
 
 BOARDS = {name: json.loads((build.HERE / "generated" / f"{name}.json").read_text()) for name in build.BOARDS}
 each_board = pytest.mark.parametrize("board", BOARDS.values(), ids=BOARDS)
@@ -107,6 +109,16 @@ def test_alarm_lists_link_to_component_report_and_runbook() -> None:
         table = next(p for p in panels(BOARDS[name]) if "larms" in p["title"] and p["type"] == "table")
         text = json.dumps(table["fieldConfig"]["overrides"])
         assert all(part in text for part in ("/d/fdd-component", "${reports}/", "${runbook}"))
+
+
+def test_the_link_of_an_alarm_leads_to_the_page_that_the_report_wrote() -> None:
+    """Grafana puts the key in, percent-encoded; a web server decodes it."""
+    table = next(p for p in panels(BOARDS["alarms"]) if p["type"] == "table")
+    (link,) = re.findall(r"\$\{reports\}/[^\"]*", json.dumps(table["fieldConfig"]["overrides"]))
+    for key in ("hx 1@2026-03-01T00:00:00Z", "hx:model@2026-03-01T00:00:00Z", "50 % 'AHU' #2?@x"):
+        url = link.replace("${__value.raw:percentencode}", quote(key, safe=""))
+        assert unquote(url.removeprefix("${reports}/")) == page_of(key)
+        assert Path(page_of(key)).name == page_of(key)
 
 
 def test_an_unknown_field_or_measurement_fails_the_build() -> None:

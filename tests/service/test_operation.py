@@ -52,6 +52,26 @@ def test_next_time_is_local_and_strictly_later(every: object, zone: str, after: 
     assert schedule.next(ns(after)) == ns(due)
 
 
+@pytest.mark.parametrize(
+    ("every", "zone", "due", "since", "end"),
+    [
+        ("monthly", "UTC", "2026-03-01T06:00:00", "2026-02-01T00:00:00", "2026-03-01T00:00:00"),
+        # months of the site: March begins in winter time and ends in summer time
+        ("monthly", "Europe/Copenhagen", "2026-04-01T04:00:00", "2026-02-28T23:00:00", "2026-03-31T22:00:00"),
+        ("monthly", "Europe/Copenhagen", "2026-01-01T05:00:00", "2025-11-30T23:00:00", "2025-12-31T23:00:00"),
+        ("weekly", "Europe/Copenhagen", "2026-03-30T04:00:00", "2026-03-22T23:00:00", "2026-03-29T22:00:00"),
+        # Auckland's first of June begins on the 31st of May in UTC
+        ("monthly", "Pacific/Auckland", "2026-05-31T18:00:00", "2026-04-30T12:00:00", "2026-05-31T12:00:00"),
+        (7, "UTC", "2026-03-01T06:00:00", "2026-02-27T06:00:00", "2026-03-01T06:00:00"),
+    ],
+)
+def test_reports_are_about_whole_months_and_weeks_of_the_site(
+    every: object, zone: str, due: str, since: str, end: str
+) -> None:
+    job = Job(Schedule("report", every, (6, 0), zone), (), 2 * 86400.0)  # type: ignore[arg-type]
+    assert job.period(ns(due)) == (ns(since), ns(end))
+
+
 def until(said: Callable[[], bool], seconds: float = 60.0) -> None:
     end = time.monotonic() + seconds
     while not said():
