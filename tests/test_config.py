@@ -32,6 +32,7 @@ from fdd.config.chiller import chiller_config
 from fdd.service.plan import plan_of
 from ingest.csv import CsvOptions
 from ingest.source import kinds, options_type, register
+from ingest.zenoh import OperatorOptions
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -340,6 +341,7 @@ def test_a_kind_of_source_is_registered_once() -> None:
 def _tables() -> Iterator[tuple[str, type[BaseModel]]]:
     own = [Site, Point, Equipment, ParameterSpec, Charts, Tariffs, Reidentify, Reports, SqliteStore, InfluxStore]
     yield from ((t.__name__, t) for t in own)
+    yield "operator", OperatorOptions
     for kind in kinds():
         options = options_type(kind)
         yield kind, options

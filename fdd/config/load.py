@@ -47,6 +47,8 @@ def parse_site(text: str, *, folder: Path | None = None, file: str = "") -> Site
         table = {("sources" if k == "source" else k): v for k, v in table.items()}
     try:
         table["sources"] = tuple(_sources(tree, table.get("sources"), file))
+        if "operator" in table:
+            table["operator"] = _operator(tree, table["operator"], file)
         site = Site.model_validate(table)
     except ValidationError as error:
         raise _config_error(error, tree, (), file) from None
@@ -136,6 +138,15 @@ def _sources(tree: CommentedMap, table: Any, file: str) -> Iterator[SourceOption
             yield options_type(kind).model_validate(options)
         except ValidationError as error:
             raise _config_error(error, tree, loc, file) from None
+
+
+def _operator(tree: CommentedMap, table: Any, file: str) -> SourceOptions:
+    from ingest.zenoh.options import OperatorOptions
+
+    try:
+        return OperatorOptions.model_validate(table)
+    except ValidationError as error:
+        raise _config_error(error, tree, ("operator",), file) from None
 
 
 def _config_error(error: ValidationError, tree: CommentedMap, prefix: Loc, file: str) -> ConfigError:

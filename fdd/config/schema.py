@@ -225,6 +225,9 @@ class Site(Strict):
     metrics: str | None = Field(
         default=None, description="host:port where the daemon serves /metrics (Prometheus) and /health"
     )
+    operator: SerializeAsAny[SourceOptions] | None = Field(
+        default=None, description="Zenoh endpoint where alarms are asked for and commands are taken; unset: none"
+    )
     sources: tuple[SerializeAsAny[SourceOptions], ...] = Field(default=(), description="where samples come from")
     points: dict[str, Point] = Field(default={}, description="point name to what it is")
     equipment: dict[str, Equipment] = Field(default={}, description="equipment name to what it is")

@@ -21,7 +21,7 @@ import numpy as np
 from fdd.records import Baseline, Batch, JsonObject
 from fdd.service.alarms import Command
 
-SCHEMA = 1
+SCHEMA = 2
 # Pages that may wait in the write-ahead log (80 MB) before a commit has to copy them itself.
 MOST_PAGES = 20_000
 TRIES = 5

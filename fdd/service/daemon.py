@@ -11,7 +11,6 @@ import time as clock
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import structlog
@@ -20,6 +19,7 @@ from fdd.records import NANOSECONDS, Batch, JsonObject, Rows
 from fdd.service.alarms import AlarmError, Command, alarm_to_document
 from fdd.service.baselines import in_force, versions_in_force
 from fdd.service.checkpoint import Checkpoint, Rebase
+from fdd.service.commands import DONE, Desk, StoredCommands
 from fdd.service.engine import Engine, EngineError, Outputs
 from fdd.service.feed import Feed
 from fdd.service.metrics import MetricsServer
@@ -66,11 +66,12 @@ class Daemon:
         now: Callable[[], float] = clock.time,
         jobs: JobRunner | None = None,
         metrics: MetricsServer | None = None,
+        desk: Desk | None = None,
     ) -> None:
         self.engine, self._store, self._checkpoint = engine, store, checkpoint
         self._save_every, self._watch, self._now = save_every, watch, now
         self._position: JsonObject = {}
-        self._commanded = ""
+        self._commands, self._desk = StoredCommands(), desk
         self._unsaved = 0
         self._polled = 0.0
         self._compared = 0.0
@@ -91,7 +92,8 @@ class Daemon:
         state = self._checkpoint.load()
         if state is not None:
             self.engine.restore_state(state["engine"])
-            self._position, self._commanded = state["position"], state["commanded"]
+            self._position = state["position"]
+            self._commands.restore_state(state["commands"])
             self.samples, self.frames = state["samples"], state["frames"]
             if self._jobs:
                 self._jobs.restore(state.get("jobs", {}))
@@ -141,7 +143,7 @@ class Daemon:
             {
                 "engine": self.engine.export_state(),
                 "position": self._position,
-                "commanded": self._commanded,
+                "commands": self._commands.export_state(),
                 "samples": self.samples,
                 "frames": self.frames,
                 "jobs": self._jobs.state if self._jobs else {},
@@ -306,26 +308,28 @@ class Daemon:
                 log.warning("baseline refused", component=b.component, version=b.version, reason=str(error))
 
     def _poll_commands(self) -> None:
-        for document in sorted(self._store.list("command"), key=lambda d: str(d["key"])):
-            if str(document["key"]) > self._commanded:
-                command = Command(**{k: v for k, v in document.items() if k != "key"})
-                self._checkpoint.journal(command)
-                self._obey(command)
+        for command in self._commands.new(self._store):
+            self._carry_out(command)
+        if self._desk:
+            self._desk.serve(round(self._now() * NANOSECONDS), self._alarm_documents, self._carry_out)
 
-    def _obey(self, command: Command) -> None:
-        self._commanded = command_key(command)
+    def _carry_out(self, command: Command) -> tuple[str, JsonObject | None]:
+        """Journal a command, obey it, and give the outcome with the alarm as it then stands."""
+        self._checkpoint.journal(command)
+        outcome = self._obey(command)
+        return outcome, self._store.get("alarm", command.alarm)
+
+    def _alarm_documents(self, every: bool) -> list[JsonObject]:
+        if every:
+            return sorted(self._store.list("alarm"), key=lambda a: int(a["raised"]))
+        return [alarm_to_document(a) for a in self.engine.alarms.open]
+
+    def _obey(self, command: Command) -> str:
         try:
             self._keep(self.engine.command(command))
+            outcome = DONE
         except AlarmError as error:
             log.warning("command refused", **asdict(command), reason=str(error))
-
-
-def command_key(command: Command) -> str:
-    """Commands in order of time; two of the same nanosecond in order of the alarms they name."""
-    return f"{command.time:020d}/{command.alarm}"
-
-
-def submit(store: Store, command: Command) -> None:
-    """Leave a command for the daemon."""
-    document: dict[str, Any] = {**asdict(command), "key": command_key(command)}
-    store.put("command", document["key"], document)
+            outcome = f"refused: {error}"
+        self._commands.close(self._store, command, outcome)
+        return outcome

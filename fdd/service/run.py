@@ -13,6 +13,7 @@ from fdd.config import Site
 from fdd.records import JsonObject
 from fdd.service import systemd
 from fdd.service.checkpoint import Checkpoint
+from fdd.service.commands import Desk
 from fdd.service.daemon import Daemon
 from fdd.service.errors import UsageError
 from fdd.service.feed import Feed
@@ -42,7 +43,8 @@ def run_site(site_file: Path, *, until_end: bool, fresh: bool) -> Daemon:
     engine = ready_engine(opened)
     checkpoint, store = Checkpoint(opened.checkpoint_path), opened.store()
     metrics = _metrics(opened)
-    daemon = Daemon(engine, store, checkpoint, jobs=_jobs(opened, site_file), metrics=metrics)
+    desk = Desk(opened.site) if opened.site.operator else None
+    daemon = Daemon(engine, store, checkpoint, jobs=_jobs(opened, site_file), metrics=metrics, desk=desk)
     service = _Service(site_file, opened, daemon, until_end)
     daemon.reload = service.reload
     service.listen()
@@ -67,6 +69,8 @@ def run_site(site_file: Path, *, until_end: bool, fresh: bool) -> Daemon:
         checkpoint.close()
         if metrics:
             metrics.close()
+        if desk:
+            desk.close()
     return daemon
 
 

@@ -159,7 +159,7 @@ DOCUMENT_KINDS: dict[str, str] = {
     "alarm": "one alarm with its causes, evidence and history; key: the alarm's",
     "baseline": "parameters of a healthy component with data span and diagnostics; key: component/version",
     "state": "checkpoint of the engine with the source positions; key: the engine's",
-    "command": "what an operator asked for (acknowledge, shelve, clear, approve, roll back); key: when/who/what",
+    "command": "what an operator asked of an alarm, and the outcome; key: when/alarm/action",
     "run": "one run of a job: demo, fit, replay, re-identification, report; key: the run's",
 }
 

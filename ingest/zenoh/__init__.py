@@ -1,7 +1,7 @@
 """Samples over Zenoh, peer to peer."""
 
-from ingest.zenoh.options import TlsOptions, ZenohOptions
+from ingest.zenoh.options import OperatorOptions, TlsOptions, ZenohLink, ZenohOptions
 from ingest.zenoh.publisher import ZenohPublisher
 from ingest.zenoh.source import ZenohSource
 
-__all__ = ["TlsOptions", "ZenohOptions", "ZenohPublisher", "ZenohSource"]
+__all__ = ["OperatorOptions", "TlsOptions", "ZenohLink", "ZenohOptions", "ZenohPublisher", "ZenohSource"]

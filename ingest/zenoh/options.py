@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -20,21 +20,32 @@ class TlsOptions(Strict):
     verify_name: bool = Field(default=True, description="whether the other side's host name must be in its certificate")
 
 
-class ZenohOptions(LoginOptions):
-    """Zenoh: peers connect to each other, or to a router."""
+class ZenohLink(LoginOptions):
+    """How a Zenoh session is reached: peers connect to each other, or to a router."""
 
     kind: Literal["zenoh"] = Field(default="zenoh", description="zenoh")
-    key: str = Field(default="fdd/**", description="key expression to subscribe to")
     mode: Literal["peer", "client"] = Field(default="peer", description="peer needs no router")
     listen: tuple[str, ...] = Field(default=(), description="endpoints to listen on, such as tcp/127.0.0.1:7447")
     connect: tuple[str, ...] = Field(default=(), description="endpoints to connect to")
     users_file: Path | None = Field(default=None, description="who may connect to us: lines of user:password")
     tls: TlsOptions | None = Field(default=None, description="certificates")
-    queue: int = Field(default=10_000, gt=0, description="messages that may wait before the sender is held back")
-    until_end: bool = Field(default=False, description="stop at the publisher's end-of-stream message")
 
     @model_validator(mode="after")
-    def _reachable(self) -> ZenohOptions:
+    def _reachable(self) -> Self:
         if not self.listen and not self.connect:
             raise refusal("neither 'listen' nor 'connect' is given", "Add connect: [tcp/HOST:7447].", "key")
         return self
+
+
+class ZenohOptions(ZenohLink):
+    """Samples over Zenoh."""
+
+    key: str = Field(default="fdd/**", description="key expression to subscribe to")
+    queue: int = Field(default=10_000, gt=0, description="messages that may wait before the sender is held back")
+    until_end: bool = Field(default=False, description="stop at the publisher's end-of-stream message")
+
+
+class OperatorOptions(ZenohLink):
+    """Where operators ask for alarms and say what they did about them."""
+
+    key: str = Field(default="", description="key of the queries; fdd/NAME OF THE SITE/alarms where it is not given")

@@ -18,7 +18,7 @@ from typing import Any
 import zenoh
 
 from ingest.source import NotReady
-from ingest.zenoh.options import ZenohOptions
+from ingest.zenoh.options import ZenohLink
 
 HISTORY, PUBLISHER = "_history", "_publisher"
 _HISTORY_SECONDS = 5.0
@@ -26,7 +26,7 @@ _HISTORY_SECONDS = 5.0
 _BLOCK_MICROSECONDS = 60_000_000
 
 
-def open_session(options: ZenohOptions, folder: Path) -> Any:
+def open_session(options: ZenohLink, folder: Path) -> Any:
     """An open session.
 
     Raises
@@ -46,7 +46,7 @@ def open_session(options: ZenohOptions, folder: Path) -> Any:
         ) from None
 
 
-def _settings(options: ZenohOptions, folder: Path) -> dict[str, Any]:
+def _settings(options: ZenohLink, folder: Path) -> dict[str, Any]:
     settings: dict[str, Any] = {
         "mode": options.mode,
         "scouting/multicast/enabled": False,
@@ -66,7 +66,7 @@ def _settings(options: ZenohOptions, folder: Path) -> dict[str, Any]:
     return settings
 
 
-def _tls(options: ZenohOptions, folder: Path) -> dict[str, Any]:
+def _tls(options: ZenohLink, folder: Path) -> dict[str, Any]:
     tls = options.tls
     assert tls is not None
     place = "transport/link/tls/"
@@ -131,5 +131,36 @@ def ask_history(session: Any, key: str, have: Mapping[str, int]) -> list[bytes]:
         target=zenoh.QueryTarget.ALL,
         consolidation=zenoh.ConsolidationMode.NONE,
         timeout=_HISTORY_SECONDS,
+    )
+    return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+
+
+def declare_questions(session: Any, key: str, receive: Callable[[Question], None]) -> Any:
+    """Take questions on a key; ``receive`` gets each from one of Zenoh's threads and may answer it from any other."""
+    return session.declare_queryable(key, lambda query: receive(Question(query, key)))
+
+
+class Question:
+    """A query that waits for its answer; its parameters (after ``?`` in the selector) and payload."""
+
+    def __init__(self, query: Any, key: str) -> None:
+        self._query, self._key = query, key
+        self.parameters = dict(query.parameters)
+        self.payload = b"" if query.payload is None else query.payload.to_bytes()
+
+    def answer(self, payload: bytes) -> None:
+        """Answer, once."""
+        with self._query:
+            self._query.reply(self._key, payload)
+
+
+def ask(session: Any, selector: str, payload: bytes = b"", seconds: float = 10.0) -> list[bytes]:
+    """The answers of everybody who takes questions on the selector's key, within so many seconds."""
+    replies = session.get(
+        selector,
+        payload=payload or None,
+        target=zenoh.QueryTarget.ALL,
+        consolidation=zenoh.ConsolidationMode.NONE,
+        timeout=seconds,
     )
     return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
