@@ -25,11 +25,15 @@ FORMAT = 4  # raise when the meaning of the generated text changes
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """Which filter to generate: how to predict, how inputs act between samples, with tangents or without."""
+    """Which filter to generate: how to predict, how inputs act between samples, with tangents or without.
+
+    ``robust``: an innovation beyond w[HUBER] standard deviations is taken for one of just so many.
+    """
 
     method: Method
     hold: Hold = "zero"
     tangents: bool = False
+    robust: bool = False
 
 
 def packed(i: int, j: int, n: int) -> int:
@@ -70,6 +74,7 @@ class Layout:
             for name in ("AD", "PH", "PH2", "QD"):
                 sizes |= {name: n * n, "T" + name: n * n * K}
         sizes |= {"PERSISTENT": 0, "DE": q * K, "DS": q * K, "DG": q * n * K, "G": q * n, "TXP": n * K}
+        sizes |= {"HUBER": 1} if self.variant.robust else {}
         sizes |= {"GRAD": K, "INFO": self.parameters * K, "HELD": 3 * q}
         if self.variant.method != "rk4":
             kept = ("AD", "PH", "PH2", "QD") if self.variant.method == "local" else ()
@@ -199,7 +204,7 @@ class Generator:
             parts.append(templates.SUBSTEPS)
         if self.K and self.freezes:
             parts.append(templates.STEADY_TANGENTS)
-        parts += [*functions, templates.loops(tangents=self.K > 0, freezes=self.freezes)]
+        parts += [*functions, templates.loops(self.K > 0, self.freezes, self.variant.robust)]
         return "\n\n".join(parts) + "\n"
 
     @property
@@ -207,7 +212,7 @@ class Generator:
         """Whether covariance and gains of regular sampling settle: nothing in them depends on inputs or states."""
         s = self.s
         fixed = all(e.level <= Level.PARAMETER for e in (*s.r, *(a for row in s.H for a in row)))
-        return self.variant.method == "exact" and not s.varying and fixed
+        return self.variant.method == "exact" and not s.varying and fixed and not self.variant.robust
 
     # Names
     def pk(self, i: int, j: int) -> int:
@@ -576,7 +581,15 @@ class Generator:
             tangent = self._tangent_update(j, scope, [-h, variance, *gains], predicted if from_prediction else [])
         lines = [*scope.lines, *lines]
         lines += ["if not (s > 0.0 and s < inf):", "    return 7"]
-        lines += [f"o[{2 * q + j}] = e", f"o[{3 * q + j}] = s", "i = 1.0 / s", "ei = e * i"]
+        lines += [f"o[{2 * q + j}] = e", f"o[{3 * q + j}] = s"]
+        if self.variant.robust:
+            lines += ["hh = w[HUBER] * w[HUBER]", "far = e * e > hh * s"]
+            lines += [
+                "by_e = 2.0 * e / hh if far else 0.0",
+                "by_s = 0.0 if far else 1.0",
+                "s = e * e / hh if far else s",
+            ]
+        lines += ["i = 1.0 / s", "ei = e * i"]
         lines += [f"w[{at['G'] + j * n + a}] = g{a}" for a in range(n)] if self.freezes else []
         lines += tangent
         lines += [f"x{i} = x{i} + g{i} * ei" for i in range(n)]
@@ -594,7 +607,7 @@ class Generator:
         body += [f"w[{at['DE'] + j * K} + k] = d0", f"w[{at['DS'] + j * K} + k] = d1"]
         if self.freezes:
             body += [f"w[{at['DG'] + (j * n + a) * K} + k] = d{a + 2}" for a in range(n)]
-        body += ["d1 = d1 * i"]
+        body += ["d1 = (by_s * d1 + by_e * d0) * i" if self.variant.robust else "d1 = d1 * i"]
         for a in range(n):
             body += [f"w[{at['T'] + a * K} + k] = r{a} + ei * (d{a + 2} - g{a} * d1) + g{a} * i * d0"]
         for a in range(n):

@@ -18,7 +18,7 @@ from fdd.models.declare import ComponentModel, Parameter
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int, float], None]
-Errors = Literal["observed", "fisher"]
+Errors = Literal["observed", "fisher", "sandwich"]
 
 
 class ParameterError(ValueError):
@@ -116,8 +116,10 @@ def fit(
     priors : :class:`Prior` by symbol
     starts : how many searches; the first from ``start``, the others scattered around it on the transform scale
     seed, spread : of that scatter (standard deviation on the transform scale)
-    errors : standard errors from the observed information (2 p more gradients) or from Fisher's
-    huber : standardised innovation beyond which the likelihood grows linearly (robust against outliers)
+    errors : standard errors from the observed information (2 p more gradients), from Fisher's, or by the sandwich of
+        observed information and scatter of the scores, which holds for a misspecified model, too (White 1982)
+    huber : standardised innovation from which on a measurement counts as an outlier (2 to 3 where they are expected);
+        errors are then those of the sandwich
     method, substeps : override the automatic choice of prediction; for experts and tests
     progress : called with (search, searches, best negative log-likelihood so far)
 
@@ -327,6 +329,18 @@ def observed_information(objective: Objective, theta: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (H + H.T))
 
 
+def score_scatter(objective: Objective, theta: FloatArray) -> FloatArray:
+    """Sum of the outer products of the scores of single measurements, from central differences of their losses."""
+    scores = []
+    for i in range(len(theta)):
+        step = np.zeros(len(theta))
+        step[i] = 1e-4 * max(1.0, abs(theta[i]) * 1e-2)
+        ends = [objective.likelihood.losses(objective.natural(theta + sign * step)) for sign in (1, -1)]
+        scores.append((ends[0] - ends[1]) / (2 * step[i]))
+    made = np.array(scores)
+    return np.asarray(made @ made.T)
+
+
 def _result(objective: Objective, best: Optimum, trials: list[Trial], errors: Errors, start: FloatArray) -> FitResult:
     likelihood = objective.likelihood
     values = objective.natural(best.theta)
@@ -334,7 +348,9 @@ def _result(objective: Objective, best: Optimum, trials: list[Trial], errors: Er
     width = 1e-6 * np.maximum(1.0, bounds[:, 1] - bounds[:, 0])
     at_bound = (best.theta - bounds[:, 0] < width) | (bounds[:, 1] - best.theta < width)
     penalty = objective.penalty(values)[0]
-    observed = observed_information(objective, best.theta) if errors == "observed" else None
+    robust = math.isfinite(likelihood.huber)
+    observed = observed_information(objective, best.theta) if errors != "fisher" or robust else None
+    scatter = score_scatter(objective, best.theta) if errors == "sandwich" or robust else None
     return FitResult.build(
         likelihood=likelihood,
         values=values,
@@ -344,6 +360,7 @@ def _result(objective: Objective, best: Optimum, trials: list[Trial], errors: Er
         gradient=best.gradient,
         fisher=best.information,
         observed=observed,
+        scatter=scatter,
         at_bound=at_bound,
         trials=trials,
         converged=best.converged,

@@ -64,11 +64,12 @@ def kernel(
     method: codegen.Method | None = None,
     hold: codegen.Hold = "zero",
     tangents: bool = False,
+    robust: bool = False,
     plain: bool = False,
 ) -> Kernel:
     """The kernel of a model; ``plain`` runs the same text as ordinary Python, slowly, as an oracle."""
     system = trace(model)
-    variant = Variant(method or default_method(model, hold), hold, tangents)
+    variant = Variant(method or default_method(model, hold), hold, tangents, robust)
     name = (id(model), variant, plain)
     known = _loaded.get(name)
     if known is not None and known.system is system:

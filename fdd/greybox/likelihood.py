@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fdd.greybox import codegen
+from fdd.greybox import codegen, robust
 from fdd.greybox.kernels import Kernel, default_method, kernel
 from fdd.models.declare import ComponentModel, Parameter
 
@@ -201,6 +201,9 @@ class Likelihood:
 
     NLL = 1/2 sum(log S + e^2 / S + log 2 pi) over all scalar innovations (Andersen 2001, Eq. 2.16, corrected); the
     first sample updates the start value at t_0 and counts. Fisher information is sum(w w'/S + dS dS'/(2 S^2)).
+
+    With ``huber`` (2 to 3 are usual) an innovation beyond so many standard deviations counts as an outlier: see
+    :mod:`fdd.greybox.robust` for what it may do to states and estimates.
     """
 
     def __init__(
@@ -216,7 +219,10 @@ class Likelihood:
         self.model = model
         self.records = [data] if isinstance(data, Data) else list(data)
         self.warnings = [w for record in self.records for w in record.check(model)]
-        self.method, self.plain, self.huber = method, plain, huber
+        if not huber > 0:
+            raise ValueError(f"huber is {huber}; give a positive number of standard deviations, 2 to 3 are usual")
+        self.method, self.plain, self.huber = method, plain, float(huber)
+        self.share = robust.expectation(huber)
         self._nsub = [np.full(len(d.dt), float(substeps or 0)) for d in self.records]
         self._fixed_substeps = substeps is not None
         self._methods = [method or default_method(model, d.hold) for d in self.records]
@@ -230,7 +236,14 @@ class Likelihood:
     def kernel(self, i: int, tangents: bool) -> Kernel:
         """The kernel of one record."""
         hold = self.records[i].hold
-        return kernel(self.model, method=self._methods[i], hold=hold, tangents=tangents, plain=self.plain)
+        return kernel(
+            self.model,
+            method=self._methods[i],
+            hold=hold,
+            tangents=tangents,
+            robust=math.isfinite(self.huber),
+            plain=self.plain,
+        )
 
     def prediction(self) -> str:
         """How each record is predicted between samples, as chosen last."""
@@ -285,6 +298,14 @@ class Likelihood:
         scale = chain(self.model, values)
         return Evaluation(total, gradient * scale, fisher * np.outer(scale, scale))
 
+    def losses(self, values: FloatArray) -> FloatArray:
+        """What each measured value adds to the NLL at natural parameters (n_p,), all records after one another."""
+        out = []
+        for path in self.paths(values):
+            losses = robust.loss(path.standardised**2, self.huber) + np.log(2 * np.pi * path.innovation_variance)
+            out.append(0.5 * losses[np.isfinite(losses)])
+        return np.concatenate(out)
+
     def paths(self, values: FloatArray) -> list[FilterPath]:
         """What the filter saw in each record at natural parameters (n_p,)."""
         self._choose_once(values)
@@ -318,7 +339,8 @@ class Likelihood:
         with np.errstate(all="ignore"):
             status = k.module.run(
                 len(d), d.dt, d.u, d.y, np.ascontiguousarray(values, dtype=np.float64), given, x0, P0, k.constants(),
-                k.workspace(), self._nsub[i], float(self.huber), out, int(keep), path, int(want), grad, info, result,
+                k.workspace(), self._nsub[i], self.huber, self.share, out, int(keep), path, int(want), grad,
+                info, result,
             )  # fmt: skip
         value, at = float(result[0]), int(result[1])
         reason = ""

@@ -45,6 +45,7 @@ class FitResult:
     unidentifiable : parameters the data say nothing about, alone or together
     at_bound : parameters that ended on a bound
     trials : one row a search
+    errors, huber : what the errors were taken from; the bound of a robust likelihood, infinite otherwise
     prediction : how the filter went from sample to sample, as it was chosen
     warnings : what the data and the optimum suggest to look at
     """
@@ -72,15 +73,16 @@ class FitResult:
     start: Mapping[str, float]
     span: tuple[tuple[float, float], ...]
     prediction: str = ""
+    huber: float = math.inf
     model: ComponentModel | None = None
     likelihood: Likelihood | None = None
 
     @classmethod
     def build(
         cls, *, likelihood: Likelihood, values: FloatArray, free: NDArray[np.int64], llf: float, penalty: float,
-        gradient: FloatArray, fisher: FloatArray, observed: FloatArray | None, at_bound: NDArray[np.bool_],
-        trials: Sequence[Trial], converged: bool, reason: str, priors: Mapping[str, tuple[float, float]],
-        start: Mapping[str, float],
+        gradient: FloatArray, fisher: FloatArray, observed: FloatArray | None, scatter: FloatArray | None,
+        at_bound: NDArray[np.bool_], trials: Sequence[Trial], converged: bool, reason: str,
+        priors: Mapping[str, tuple[float, float]], start: Mapping[str, float],
     ) -> FitResult:  # fmt: skip
         """Standard errors and their reservations, from the information at the optimum."""
         model = likelihood.model
@@ -89,6 +91,8 @@ class FitResult:
         if observed is not None and _positive_definite(observed[np.ix_(~at_bound, ~at_bound)]):
             information, kind = observed, "observed"
         inner, lost = invert(information, at_bound, [names[k] for k in free])
+        if scatter is not None:
+            inner, kind = inner @ scatter @ inner, "sandwich"
         cov_scale = np.zeros((len(names), len(names)))
         cov_scale[np.ix_(free, free)] = inner
         slope = chain(model, values)
@@ -124,6 +128,7 @@ class FitResult:
             start=dict(start),
             span=tuple((float(d.t[0]), float(d.t[-1])) for d in records),
             prediction=likelihood.prediction(),
+            huber=likelihood.huber,
             model=model,
             likelihood=likelihood,
         )
@@ -190,7 +195,8 @@ class FitResult:
             f"AIC {self.aic:.2f}  BIC {self.bic:.2f}",
             f"{self.nobs} measured values, {len(self.free)} parameters, "
             f"{'converged' if self.converged else 'NOT CONVERGED'} ({self.reason}), {len(self.trials)} search(es), "
-            f"errors from the {self.errors} information",
+            f"errors from the {self.errors}{'' if self.errors == 'sandwich' else ' information'}",
+            *([f"robust: innovations bounded at {self.huber:g} standard deviations"] if self.huber < math.inf else []),
             *([f"prediction: {self.prediction}"] if self.prediction else []),
             "",
             f"{'parameter':<14}{'estimate':>14}{'std err':>12}{'t':>9}{'P>|t|':>8}  unit",
@@ -239,6 +245,7 @@ class FitResult:
             "start": dict(self.start),
             "span": [list(s) for s in self.span],
             "prediction": self.prediction,
+            "huber": self.huber if math.isfinite(self.huber) else None,
             "trials": [
                 {"start": t.start.tolist(), "theta": t.theta.tolist(), "value": t.value, "evaluations": t.evaluations,
                  "converged": t.converged, "reason": t.reason}
@@ -265,9 +272,10 @@ class FitResult:
             raise ValueError(
                 f"fit result is of {made[0]} {made[1]}, the model given is {model.name} {model.version}; fit again"
             )
+        huber = document.get("huber") or math.inf
         likelihood = None
         if model is not None and data is not None:
-            likelihood = Likelihood(model, [data] if isinstance(data, Data) else list(data))
+            likelihood = Likelihood(model, [data] if isinstance(data, Data) else list(data), huber=huber)
         special = {"inf": math.inf, "-inf": -math.inf}
         return cls(
             model_name=made[0],
@@ -295,6 +303,7 @@ class FitResult:
             start=dict(document["start"]),
             span=tuple((s[0], s[1]) for s in document["span"]),
             prediction=document.get("prediction", ""),
+            huber=huber,
             model=model,
             likelihood=likelihood,
         )
@@ -345,7 +354,7 @@ class FitResult:
 
     def _likelihood(self, data: Data | None = None) -> Likelihood:
         if data is not None:
-            return Likelihood(self._model(), data)
+            return Likelihood(self._model(), data, huber=self.huber)
         if self.likelihood is None:
             raise ValueError("this result was loaded without its data; give data")
         return self.likelihood

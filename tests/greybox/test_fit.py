@@ -61,16 +61,7 @@ def test_a_sharp_prior_holds_and_a_vague_one_does_not(record: Data, result: FitR
     assert vague.params["th"] == pytest.approx(result.params["th"], rel=1e-3)
 
 
-def test_huber_bounds_what_an_outlier_does(record: Data, result: FitResult) -> None:
-    y = record.y.copy()
-    y[::50] += 8.0
-    spoilt = dataclasses.replace(record, y=y)
-    plain, robust = fit(problems.ou1d(), spoilt), fit(problems.ou1d(), spoilt, huber=1.5)
-    # The level is pulled by each outlier; half of that at most remains.
-    assert abs(robust.params["mu"] - result.params["mu"]) < 0.5 * abs(plain.params["mu"] - result.params["mu"])
-
-
-@pytest.mark.parametrize("huber", [np.inf, 1.0])
+@pytest.mark.parametrize("huber", [np.inf, 1.0, 2.5])
 def test_gradient_is_the_derivative_of_the_value(record: Data, huber: float) -> None:
     likelihood = Likelihood(problems.ou1d(), record, huber=huber)
     at = TRUE * 0.9

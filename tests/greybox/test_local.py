@@ -43,7 +43,7 @@ def stiff() -> ComponentModel:
 def record(hold: str, n: int = 20) -> Data:
     t = np.arange(n) * 0.5
     y = 1.7 + 0.3 * np.sin(t) + 0.1 * np.random.default_rng(0).normal(size=n)
-    return Data(t, (1.2 + 0.4 * np.sin(t / 3))[:, None], y, hold=hold)  # type: ignore[arg-type]
+    return Data(t, (1.2 + 0.4 * np.sin(t / 3))[:, None], y, hold=hold)
 
 
 def radau(m: ComponentModel, d: Data, values: np.ndarray) -> tuple[float, np.ndarray]:
@@ -99,7 +99,11 @@ def test_halving_substeps_divides_the_error_by_four() -> None:
 def test_its_gradient_is_the_derivative_of_its_value(hold: str) -> None:
     likelihood = Likelihood(stiff(), record(hold))
     likelihood.choose_substeps(VALUES)
-    slope = approx_fprime(np.log(VALUES), lambda a: likelihood.value(np.exp(a)), 1e-6)
+
+    def value(a: np.ndarray) -> float:
+        return likelihood.value(np.exp(a))
+
+    slope = approx_fprime(np.log(VALUES), value, 1e-6)
     np.testing.assert_allclose(likelihood.evaluate(VALUES).gradient, slope, rtol=1e-3, atol=1e-3)
     plain = Likelihood(stiff(), record(hold), method="local", plain=True)
     np.testing.assert_allclose(plain.evaluate(VALUES).gradient, likelihood.evaluate(VALUES).gradient, rtol=1e-8)
@@ -108,7 +112,7 @@ def test_its_gradient_is_the_derivative_of_its_value(hold: str) -> None:
 def test_substeps_would_cost_ten_times_as_much() -> None:
     m, d, times = stiff(), record("zero"), []
     for method in ("local", "rk4"):
-        likelihood = Likelihood(m, d, method=method)  # type: ignore[arg-type]
+        likelihood = Likelihood(m, d, method=method)
         likelihood.evaluate(VALUES)
         start = time.process_time()
         for _ in range(5):
