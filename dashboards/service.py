@@ -5,7 +5,7 @@ from __future__ import annotations
 from grafana_foundation_sdk.builders.dashboard import Dashboard, Row
 
 from dashboards import panels, variables
-from dashboards.queries import SITE, condition, rows, windowed
+from dashboards.queries import SITE, condition, flux_list, rows, windowed
 from dashboards.settings import BLUE, GREEN, LATE_SECONDS, ORANGE, PHASE_COLOURS, RED
 from fdd.store.schema import PHASES
 
@@ -17,12 +17,30 @@ GAUGES = (
     ("store/spool_bytes", "Waiting on disk", "bytes", "What waits while the database is away; zero is normal"),
 )
 
+BUDGET = (
+    "All alarms that came, with their 95 % Poisson interval, against the false alarms that the budget promises; "
+    "an alarm that was true counts too"
+)
+
 
 def gauge(series: str) -> str:
     """One gauge over time."""
     part, name = series.split("/")
     flux = rows("health", "value", where=f'r.component == "{part}" and r.name == "{name}"', long=False)
     return windowed(flux + '\n  |> group()\n  |> keep(columns: ["_time", "_value"])')
+
+
+def kept() -> str:
+    """Alarms a year: realised, the ends of the interval, and promised."""
+    names = [f"alarms_a_year_{k}" for k in ("realised", "low", "high", "promised")]
+    either = " or ".join(f'r.name == "{n}"' for n in names)
+    flux = rows("health", "value", where=f'r.component == "service" and ({either})', long=False)
+    return (
+        windowed(flux, "last")
+        + '\n  |> group()\n  |> pivot(rowKey: ["_time"], columnKey: ["name"], valueColumn: "_value")'
+        + f"\n  |> keep(columns: {flux_list(('_time', *names))})"
+        + '\n  |> sort(columns: ["_time"])'
+    )
 
 
 def newest() -> str:
@@ -73,6 +91,8 @@ def build() -> Dashboard:
     board.with_row(Row("Over time"))
     for series, title, unit, meaning in GAUGES:
         board.with_panel(panels.curves(title, meaning, gauge(series), unit, height=6))
+    board.with_row(Row("False-alarm budget"))
+    board.with_panel(panels.curves("Alarms a year", BUDGET, kept(), "short", height=6))
     board.with_row(Row("Charts and samples"))
     for phase in PHASES:
         panel = panels.curves(f"Charts: {phase}", "How many of all charts", in_phase(phase), "short", height=6, span=6)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdd.records import NANOSECONDS, Alarm, AlarmState, Baseline
+from fdd.diagnosis.judged import is_consequence, judged_false
+from fdd.records import NANOSECONDS, Alarm, Baseline
 from fdd.report.evidence import ALARM, LEARNING, QUIET, Evidence, step_of
 from fdd.report.site import ComponentInfo, SiteInfo
 from fdd.report.words import COUNTS, DAY, duration, local, percent, quantity, split_chart
@@ -147,7 +148,7 @@ def budget(alarms: Sequence[Alarm], watches: Sequence[Watch], site: SiteInfo, st
     An alarm counts as false where whoever closed it said so: its last comment begins with "false".
     """
     raised = [a for a in alarms if start <= a.raised < end]
-    own = [a for a in raised if a.state is not AlarmState.SUPPRESSED and not a.evidence.get("caused_by")]
+    own = [a for a in raised if not is_consequence(a)]
     false = [a for a in own if judged_false(a)]
     seconds = (end - start) / NANOSECONDS * (sum(w.watched for w in watches) / len(watches) if watches else 0.0)
 
@@ -156,13 +157,6 @@ def budget(alarms: Sequence[Alarm], watches: Sequence[Watch], site: SiteInfo, st
 
     years = seconds / (365.25 * 86400)
     return Budget(len(own), len(false), len(raised) - len(own), years, against(len(false)), against(len(own)))
-
-
-def judged_false(alarm: Alarm) -> bool:
-    """Whether the operator who closed the alarm called it false."""
-    if alarm.state is not AlarmState.CLEARED or not alarm.history:
-        return False
-    return str(alarm.history[-1].get("comment", "")).strip().lower().startswith("false")
 
 
 def counts(store: Store, end: int) -> tuple[Count, ...]:

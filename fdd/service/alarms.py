@@ -31,6 +31,7 @@ from typing import Any, Literal
 
 from fdd.records import NANOSECONDS, Alarm, AlarmState, JsonObject
 from fdd.service.alarm_life import GRACE, Event, quiet_wanted, what_then
+from fdd.service.kept import Tally
 
 Action = Literal["acknowledge", "shelve", "unshelve", "clear"]
 PLANT, MODEL = "plant", "model"
@@ -108,6 +109,7 @@ class AlarmBook:
     ) -> None:
         self._reads, self._upstream = reads, upstream or {}
         self._open: dict[str, Alarm] = {}
+        self.tally = Tally()
         # Since when the evidence of an open alarm has been gone without a break, by subject.
         self._quiet: dict[str, int] = {}
 
@@ -190,6 +192,7 @@ class AlarmBook:
         cleared = self._move(alarm, Event.CLEAR, time, actor, comment, through)
         del self._open[subject_of(alarm)]
         self._quiet.pop(subject_of(alarm), None)
+        self.tally.close(cleared)
         return cleared
 
     def _free(self, victim: Alarm, source: Alarm, time: int) -> Alarm:
@@ -306,12 +309,17 @@ class AlarmBook:
 
     def export_state(self) -> JsonObject:
         """Open alarms as plain data."""
-        return {"open": [alarm_to_document(a) for a in self._open.values()], "quiet": dict(self._quiet)}
+        return {
+            "open": [alarm_to_document(a) for a in self._open.values()],
+            "quiet": dict(self._quiet),
+            "tally": self.tally.export_state(),
+        }
 
     def restore_state(self, state: JsonObject) -> None:
         """Continue where :meth:`export_state` stood."""
         self._open = {subject_of(a): a for a in map(alarm_from_document, state["open"])}
         self._quiet = dict(state["quiet"])
+        self.tally.restore_state(state["tally"])
 
 
 _PAST: dict[Action, str] = {

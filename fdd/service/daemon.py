@@ -45,6 +45,13 @@ def resident_bytes() -> int:
         return 0
 
 
+def _rates(budget: JsonObject) -> dict[str, float]:
+    """The realised rate with its interval, and the promised one, for the dashboards."""
+    alarms = budget.get("alarms")
+    own = {"realised": alarms["per_year"], "low": alarms["low"], "high": alarms["high"]} if alarms else {}
+    return {**own, "promised": budget["promised_per_year"]}
+
+
 class Daemon:
     """Runs one site until its source ends or it is told to stop.
 
@@ -229,6 +236,7 @@ class Daemon:
             "time": time,
             "lag_seconds": None if time is None else round(now - time / NANOSECONDS, 1),
             "open_alarms": len(self.engine.alarms.open),
+            "budget": self.engine.kept,
             "phases": self.engine.phases,
             "counts": self.engine.counts | (self._feed.counters() if self._feed else {}),
             "spool_bytes": None if spool is None else spool.pending_bytes,
@@ -246,6 +254,7 @@ class Daemon:
             "sample_rate": status["samples_per_second"],
             "lag": status["lag_seconds"],
             "rss": status["rss_bytes"],
+            **{f"alarms_a_year_{k}": v for k, v in _rates(status["budget"]).items()},
         }
         known = {f"service/{name}": float(value) for name, value in gauges.items() if value is not None}
         rows = Rows(

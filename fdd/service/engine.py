@@ -17,15 +17,17 @@ from fdd.diagnosis.departure import Departure
 from fdd.diagnosis.health import of_model, with_frozen, without_frozen
 from fdd.diagnosis.ranking import diagnose
 from fdd.records import NANOSECONDS, Alarm, AlarmState, Baseline, Batch, FloatArray, JsonObject, Rows, concatenate
+from fdd.residual_monitors.chart import Phase
 from fdd.service.alarms import MODEL, AlarmBook, Command, Ring, kind_of, subject_of
 from fdd.service.charting import Charts, ChartStep
 from fdd.service.chillers import ChillerDay, Chillers
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.framing import Framer, Frames
+from fdd.service.kept import kept
 from fdd.service.plan import Chiller, Component, Plan
 from fdd.service.recent import Recent
 
-SCHEMA = 8
+SCHEMA = 9
 DAY = 86400 * NANOSECONDS
 REMEMBERED = 9 * DAY  # how long after its onset an alarm is diagnosed anew every day
 _NONE = np.empty(0)  # what a site without filters concatenates
@@ -64,6 +66,8 @@ class Engine:
             f"{c.name}/{q.symbol}" for g in self._groups for c in g.components for q in g.model.outputs
         )
         self._time: int | None = None
+        # Frames in which charts could judge, each counted by their share.
+        self._judged = 0.0
 
     @property
     def watched(self) -> list[Component | Chiller]:
@@ -83,6 +87,12 @@ class Engine:
     def phases(self) -> dict[str, int]:
         """How many charts of filters are in each phase."""
         return self._charts.phases
+
+    @property
+    def kept(self) -> JsonObject:
+        """What was kept of the budget of false alarms; see :func:`fdd.service.kept.kept`."""
+        seconds = self._judged * self.plan.step / NANOSECONDS
+        return kept(self.alarms.tally, self.alarms.open, seconds, self.plan.promised)
 
     @property
     def notes(self) -> list[str]:
@@ -171,6 +181,9 @@ class Engine:
             group_steps = [g.step(time, row) for g in self._groups]
             self._recent.update(time, row, group_steps)
             chart_step = self._charts.update(group_steps)
+            # A site of chillers alone has no such charts, and is watched all the time.
+            phase = chart_step.verdicts.phase
+            self._judged += float(np.mean(phase >= Phase.QUIET)) if phase.size else 1.0
             closed = self._chillers.step(time, row)
             alarms += self._alarm(time, chart_step, closed)
             days += [rows for day in closed for rows in day.rows]
@@ -298,6 +311,7 @@ class Engine:
         return {
             "schema": SCHEMA,
             "time": self._time,
+            "judged": self._judged,
             "baselines": [{f: getattr(b, f) for f in Baseline.__slots__} for b in self._baselines.values()],
             "framer": self._framer.export_state(),
             "groups": [g.export_state() for g in self._groups],
@@ -326,7 +340,7 @@ class Engine:
             )
         saved_baselines = {d["component"]: Baseline(**d) for d in state["baselines"]}
         self.rebase({n: b for n, b in saved_baselines.items() if b.version != self._baselines[n].version})
-        self._time = state["time"]
+        self._time, self._judged = state["time"], state["judged"]
         self._framer.restore_state(state["framer"])
         for group, saved_group in zip(self._groups, state["groups"], strict=True):
             group.restore_state(saved_group)

@@ -20,6 +20,10 @@ HELP = {
     "fdd_frames_total": ("counter", "Frames closed."),
     "fdd_lag_seconds": ("gauge", "Wall clock less the event time of the last closed frame."),
     "fdd_open_alarms": ("gauge", "Alarms that are not cleared."),
+    "fdd_alarms_promised_per_year": ("gauge", "False alarms a year that the budget allows."),
+    "fdd_watched_years": ("gauge", "Time in which charts could judge."),
+    "fdd_alarms_per_year": ("gauge", "Alarms a year, all and those judged false, with their 95 % Poisson interval."),
+    "fdd_alarms": ("gauge", "Alarms that came in the time watched, all and those judged false."),
     "fdd_charts": ("gauge", "Charts in each phase."),
     "fdd_counts_total": ("counter", "What became of samples and filters, by reason."),
     "fdd_spool_bytes": ("gauge", "Outputs that wait on disk for the store."),
@@ -36,6 +40,7 @@ def exposition(status: JsonObject) -> str:
         "fdd_frames_total": [("", status["frames"])],
         "fdd_lag_seconds": [("", status["lag_seconds"])] if status.get("lag_seconds") is not None else [],
         "fdd_open_alarms": [("", status["open_alarms"])],
+        **_budget(status.get("budget", {})),
         "fdd_charts": [(_label("phase", k), v) for k, v in status["phases"].items()],
         "fdd_counts_total": [(_label("reason", k), v) for k, v in status["counts"].items()],
         "fdd_spool_bytes": [("", status["spool_bytes"])] if status.get("spool_bytes") is not None else [],
@@ -45,10 +50,28 @@ def exposition(status: JsonObject) -> str:
     }
     lines = []
     for name, (kind, text) in HELP.items():
-        if values[name]:
+        if values.get(name):
             lines += [f"# HELP {name} {text}", f"# TYPE {name} {kind}"]
             lines += [f"{name}{label} {value:.17g}" for label, value in values[name]]
     return "\n".join(lines) + "\n"
+
+
+def _budget(budget: JsonObject) -> dict[str, list[tuple[str, float]]]:
+    """The promised and the realised rate of alarms."""
+    if not budget:
+        return {}
+    which = [(w, budget[w]) for w in ("alarms", "judged_false") if w in budget]
+    bounds = ("per_year", "low", "high")
+    return {
+        "fdd_alarms_promised_per_year": [("", budget["promised_per_year"])],
+        "fdd_watched_years": [("", budget["years"])],
+        "fdd_alarms": [(_label("which", w), table["count"]) for w, table in which],
+        "fdd_alarms_per_year": [
+            (_label("which", w)[:-1] + f',bound="{"value" if b == "per_year" else b}"}}', table[b])
+            for w, table in which
+            for b in bounds
+        ],
+    }
 
 
 def _label(name: str, value: str) -> str:

@@ -65,7 +65,10 @@ class Chiller:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """All the engine needs to know; times in ns. ``false_alarms_per_year`` is what the components may give."""
+    """All the engine needs to know; times in ns.
+
+    ``false_alarms_per_year`` is what the components may give, ``budget`` what they and the chillers may give together.
+    """
 
     site: str
     step: int
@@ -80,6 +83,12 @@ class Plan:
     chillers: tuple[Chiller, ...] = ()
     tariffs: Mapping[str, float | str | None] = field(default_factory=dict)
     learning: int = 28 * 86400 * NANOSECONDS
+    budget: float | None = None
+
+    @property
+    def promised(self) -> float:
+        """False alarms a year of the whole plant."""
+        return self.false_alarms_per_year if self.budget is None else self.budget
 
     @property
     def watched(self) -> tuple[Component | Chiller, ...]:
@@ -137,6 +146,7 @@ def plan_of(site: Site) -> Plan:
         max_jump=_nanoseconds(site.max_jump),
         hold=_nanoseconds(site.hold),
         false_alarms_per_year=site.false_alarms_per_year * (1 - chillers_share(site)),
+        budget=site.false_alarms_per_year,
         points=tuple(site.measured),
         derived=tuple(derived),
         components=tuple(components),

@@ -54,6 +54,19 @@ def _alarms(opened: Opened, alarms: list[JsonObject]) -> list[JsonObject]:
     return [{**{k: a[k] for k in keys}, "raised_local": opened.local(a["raised"])} for a in found]
 
 
+def budget_told(budget: JsonObject) -> str:
+    """What was kept of the budget, in words."""
+    promised = f"{budget['promised_per_year']:g} false ones a year are promised"
+    if "alarms" not in budget:
+        return f"{promised}; nothing was watched yet"
+    days = f"{budget['years'] * 365.25:.3g} days watched"
+    parts = [
+        f"{t['count']} {what}: {t['per_year']:.2g} a year ({t['low']:.2g} to {t['high']:.2g})"
+        for what, t in (("in all", budget["alarms"]), ("judged false", budget["judged_false"]))
+    ]
+    return f"{'; '.join(parts)}, of {days}; {promised}"
+
+
 def print_status(status: JsonObject, console: Console) -> None:
     """For people."""
     console.print(f"{status['site']}: {status['state']}", highlight=False)
@@ -66,6 +79,7 @@ def print_status(status: JsonObject, console: Console) -> None:
         "samples": f"{status['samples']} taken, {status['samples_per_second']:g} a second",
         "frames": f"{status['frames']}, the last of {status['time_local']}",
         "lag": "no frame yet" if status["lag_seconds"] is None else f"{status['lag_seconds']:.0f} s",
+        "alarms": budget_told(status["budget"]),
         "charts": ", ".join(f"{n} {phase}" for phase, n in status["phases"].items()),
         "baselines": ", ".join(f"{k} v{v}" for k, v in status["baselines"].items()),
         "spool": "none" if status["spool_bytes"] is None else f"{status['spool_bytes']} bytes wait",

@@ -41,7 +41,10 @@ SERIES = {
     "scores": ("hx 1/U",),
     "gates": ("chiller/steady",),
     "counts": ("ingest/accepted", "ingest/late", "store/dropped_rows", "store/refused_rows"),
-    "health": ("service/sample_rate", "service/lag", "service/rss", "store/spool_bytes"),
+    "health": (
+        *("service/sample_rate", "service/lag", "service/rss", "store/spool_bytes"),
+        *(f"service/alarms_a_year_{k}" for k in ("realised", "low", "high", "promised")),
+    ),
 }
 
 
