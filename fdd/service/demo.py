@@ -26,7 +26,7 @@ from fdd.plant.site import demo_site
 from fdd.records import NANOSECONDS, AlarmState, Batch, JsonObject, Quality
 from fdd.report.content import Report, gather
 from fdd.report.plots import plots
-from fdd.report.render import write_report
+from fdd.report.render import write_gathered
 from fdd.service.alarms import PLANT, iso
 from fdd.service.baselines import accept
 from fdd.service.errors import UsageError
@@ -282,9 +282,10 @@ def run_demo(
     end = scenario.first + round(scenario.days * DAY * NANOSECONDS)
     start = end - round(weeks * 7 * DAY * NANOSECONDS)
     info = site_info(prepared.opened)
-    result.report = write_report(store, info, folder / "report.html", start, end)
-    _draw_alarm(gather(store, info, start, end), folder / "alarm.svg")
+    report = gather(store, info, start, end)
     store.close()
+    result.report = write_gathered(report, folder / "report.html")
+    _draw_alarm(report, folder / "alarm.svg")
     result.total_seconds = clock.monotonic() - began
     return result
 
