@@ -25,7 +25,7 @@ def of_model(alarm: Alarm) -> Alarm:
         "name": "model",
         "meaning": "the model no longer describes this component",
         "likelihood": 1.0,
-        "for": [f"{TESTS[c['test']]} ({c['symbol']})" for c in charts],
+        "for": [f"{TESTS[t]} ({', '.join(dict.fromkeys(s))})" for t, s in by_test.items() if s],
         "against": ["no chart of the plant has rung"],
         "checks": [],
     }
@@ -35,8 +35,8 @@ def of_model(alarm: Alarm) -> Alarm:
         severity="low",
         causes=(cause,),
         checks=(
-            "ask what was changed since: equipment, control settings, sensors: a change explains it",
-            f"re-identify: fdd reidentify SITE --only {alarm.component}: the new baseline is white",
+            "ask what was changed since, of equipment, control settings or sensors: a change explains it",
+            f"re-identify it (fdd reidentify SITE --only {alarm.component}): errors of prediction have no memory again",
         ),
     )
 

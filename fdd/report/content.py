@@ -9,7 +9,7 @@ from fdd.records import Alarm, AlarmState, Baseline
 from fdd.report.chillers import MODEL as CHILLER
 from fdd.report.chillers import ChillerSection, chiller_section
 from fdd.report.evidence import Catalogue, Evidence, latest, load
-from fdd.report.findings import URGENCY, Finding, alarm_of, finding, order
+from fdd.report.findings import URGENCY, Finding, alarm_of, finding, of_model, order
 from fdd.report.monitoring import (
     Budget,
     Count,
@@ -87,6 +87,8 @@ class Report:
     budget: Budget | None
     counts: tuple[Count, ...]
     chillers: tuple[ChillerSection, ...] = ()
+    models: tuple[Finding, ...] = ()
+    """Alarms of models that no longer describe their component: no fault of the plant is claimed."""
 
     @property
     def status(self) -> str:
@@ -103,7 +105,19 @@ class Report:
         if seen <= 0:
             return "No finding, but nothing could be monitored"
         well = f"All well on {seen} monitored component{'s' * (seen > 1)}"
-        return well + (f"; {blind} could not be monitored" if blind else "")
+        return well + "".join(f"; {note}" for note in self.notes)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What else page one says of the plant: what was not monitored, and models that no longer hold."""
+        blind, stale = len({u.name for u in self.unmonitored if u.what == "everything"}), len(self.standing_models)
+        notes = [f"{blind} could not be monitored"] if blind else []
+        return (*notes, *([f"{stale} model{'s need' if stale > 1 else ' needs'} attention"] if stale else []))
+
+    @property
+    def standing_models(self) -> tuple[Finding, ...]:
+        """Models that need attention for a reason of their own: no finding explains them."""
+        return tuple(f for f in self.models if f.state in URGENCY)
 
     def only(self, f: Finding) -> Report:
         """One finding of the report, with what to do about it."""
@@ -114,6 +128,7 @@ class Report:
             findings=(f,),
             consequences=(),
             closed=(),
+            models=(),
             healthy=(),
             unmonitored=(),
             baselines=(),
@@ -180,8 +195,9 @@ def _assemble(
     start: int,
     end: int,
 ) -> Report:
-    standing = [a for a in alarms if a.state in URGENCY]
-    suppressed = [a for a in alarms if a.state is AlarmState.SUPPRESSED]
+    stale = [a for a in alarms if of_model(a) and a.state is not AlarmState.CLEARED]
+    standing = [a for a in alarms if a.state in URGENCY and a not in stale]
+    suppressed = [a for a in alarms if a.state is AlarmState.SUPPRESSED and a not in stale]
     cleared = [a for a in alarms if a.state is AlarmState.CLEARED and a.updated >= start]
     pages: dict[str, Finding] = {}
     watches: list[Watch] = []
@@ -200,7 +216,9 @@ def _assemble(
             chillers.append(chiller_section(store, site, reference, evidence, told, start, end))
     findings = tuple(pages[a.key] for a in standing)
     blind = [gap for w in watches for gap in unmonitored(w, in_force.get(w.component), site, start, end)]
-    troubled = {a.component for a in (*standing, *suppressed)} | {u.name for u in blind if u.what == "everything"}
+    troubled = {a.component for a in (*standing, *suppressed, *stale)} | {
+        u.name for u in blind if u.what == "everything"
+    }
     return Report(
         site=site,
         start=start,
@@ -215,6 +233,7 @@ def _assemble(
         budget=budget(alarms, watches, site, start, end),
         counts=counts(store, end),
         chillers=tuple(chillers),
+        models=tuple(finding(a, site, Evidence(), (), end) for a in stale),
     )
 
 

@@ -13,15 +13,16 @@ from fdd.report.content import Report
 from fdd.report.findings import Finding
 from fdd.report.words import local
 
-SCHEMA = 1
+SCHEMA = 2
 COLUMNS = (
-    "key", "component", "title", "location", "state", "severity", "since_utc", "raised_utc", "since_local",
+    "key", "kind", "component", "title", "location", "state", "severity", "since_utc", "raised_utc", "since_local",
     "raised_local", "summary", "likeliest_cause", "likelihood", "first_check", "cost_per_day", "currency",
 )  # fmt: skip
 
 
 def findings_json(report: Report) -> str:
-    """Every finding of the period, standing, suppressed or closed, as one JSON object."""
+    """Every finding of the period, standing, suppressed or closed, as one JSON object; models that no longer hold
+    apart."""
     document = {
         "schema": SCHEMA,
         "site": report.site.name,
@@ -30,6 +31,7 @@ def findings_json(report: Report) -> str:
         "end_utc": _utc(report.end),
         "status": report.status,
         "findings": [_finding(f, report) for f in _all(report)],
+        "models": [_finding(f, report) for f in report.models],
         "unmonitored": [
             {"component": u.name, "title": u.title, "what": u.what, "why": u.why, "remedy": u.remedy}
             for u in report.unmonitored
@@ -40,11 +42,11 @@ def findings_json(report: Report) -> str:
 
 
 def findings_csv(report: Report) -> str:
-    """One line a finding; columns :data:`COLUMNS`."""
+    """One line a finding, those of models last (``kind``); columns :data:`COLUMNS`."""
     out = io.StringIO()
     writer = csv.DictWriter(out, COLUMNS, lineterminator="\n")
     writer.writeheader()
-    for f in _all(report):
+    for f in (*_all(report), *report.models):
         first = f.causes[0] if f.causes else None
         row = _head(f, report) | {
             "likeliest_cause": first.meaning if first else "",
@@ -71,6 +73,7 @@ def _utc(time: int | None) -> str | None:
 def _head(f: Finding, report: Report) -> dict[str, Any]:
     return {
         "key": f.key,
+        "kind": f.kind,
         "component": f.component,
         "title": f.info.title,
         "location": f.info.location,

@@ -115,6 +115,12 @@ class Finding:
     caused_by: str = ""
     consequences: tuple[str, ...] = ()
     evidence: Evidence = field(default_factory=Evidence)
+    kind: str = "plant"
+
+    @property
+    def seen(self) -> tuple[str, ...]:
+        """What speaks for the likeliest cause, each once."""
+        return tuple(dict.fromkeys(self.causes[0].speaks_for)) if self.causes else ()
 
     @property
     def state_words(self) -> str:
@@ -131,6 +137,11 @@ def alarm_of(document: JsonObject) -> Alarm:
     """The alarm of a store's document."""
     lists = {name: tuple(document.get(name) or ()) for name in ("charts", "causes", "checks", "history")}
     return Alarm(**{**document, **lists, "state": AlarmState(document["state"])})
+
+
+def of_model(alarm: Alarm) -> bool:
+    """Whether an alarm speaks of the model of a component, and accuses no equipment."""
+    return alarm.evidence.get("kind") == "model"
 
 
 def order(alarm: Alarm) -> tuple[int, int, float, int]:
@@ -179,6 +190,7 @@ def finding(alarm: Alarm, site: SiteInfo, evidence: Evidence, suppressed: Sequen
             site.component(a.component).title for a in suppressed if a.evidence.get("caused_by") == alarm.key
         ),
         evidence=evidence,
+        kind="model" if of_model(alarm) else "plant",
     )
 
 
@@ -188,6 +200,8 @@ def _summary(alarm: Alarm, info: ComponentInfo) -> str:
     for name, numbers in alarm.evidence.get("charts", {}).items():
         meaning = info.meaning(str(numbers.get("symbol") or split_chart(name)[0]))
         sides.get(int(numbers.get("direction", 0)), []).append(meaning)
+    if of_model(alarm):
+        return "Its model no longer describes it: what is said of its faults may be wrong until it has a new baseline."
     parts = [f"{listed(what)} higher" for what in [sides[1]] if what]
     parts += [f"{listed(what)} lower" for what in [sides[-1]] if what]
     if parts:
@@ -278,9 +292,8 @@ def _departures(alarm: Alarm, info: ComponentInfo, evidence: Evidence, end: int)
         mean, sd = float(residual.mean()), float(np.nanmean(part.sd))
         side = "above" if mean > 0 else "below"
         lines.append(
-            f"Since the onset the {output.meaning} has been on average "
-            f"{quantity(abs(mean), output.unit, difference=True)} {side} what was expected one step ahead "
-            f"(a single reading may be off by {quantity(sd, output.unit, difference=True)})."
+            f"Since the onset the {output.meaning} has been {quantity(abs(mean), output.unit, difference=True)} {side} "
+            f"what was expected (one reading: ± {quantity(1.96 * sd, output.unit, difference=True)})."
         )
     return list(dict.fromkeys(lines))
 
@@ -299,8 +312,8 @@ def _changes(alarm: Alarm, info: ComponentInfo) -> list[str]:
         else:
             size, spread = (quantity(x, described.unit, difference=True) for x in (abs(change), 1.96 * error))
         lines.append(
-            f"When its chart passed the limit, the {described.meaning} was estimated {size} {side} its baseline "
-            f"(give or take {spread}), if it alone has changed."
+            f"The {described.meaning} was {size} {side} its baseline (give or take {spread}) at the alarm, if it alone "
+            "has changed."
         )
     return lines
 
@@ -334,6 +347,9 @@ def _cost(evidence: JsonObject, site: SiteInfo | None = None) -> tuple[float | N
             detail.append(f"between {float(table['lower']):.2f} and {float(table['upper']):.2f}")
         if table.get("basis"):
             detail.append(str(table["basis"]))
+        if float(value) < 0:
+            detail.insert(0, f"{-float(value):.2f} {currency} a day less than when healthy")
+            return float(value), "No extra cost", "; ".join(detail)
         return float(value), f"{float(value):.2f} {currency} a day", "; ".join(detail)
     if isinstance(cost, Mapping):
         return None, *_unpriced(cost)
@@ -349,13 +365,16 @@ def _unpriced(cost: Mapping[str, Any]) -> tuple[str, str]:
     energy = cost.get("kWh_per_day")
     if cost.get("kind") == "comfort" and energy is not None:
         return f"Comfort: {float(energy):.1f} kWh a day of heat missing", detail
+    if energy is not None and float(energy) < 0:
+        return "No extra cost", f"{-float(energy):.1f} kWh a day less than when healthy; {detail}"
     return (f"{float(energy):.1f} kWh a day" if energy is not None else "Not in money"), detail
 
 
 def _entry(entry: JsonObject, component: str, info: ComponentInfo, site: SiteInfo) -> Entry:
     state = str(entry.get("state", ""))
     actor = str(entry.get("actor", ""))
-    comment = sentence(names_in_words(in_words(str(entry.get("comment", "")), component, info), site))
+    # Points first: what a symbol means may hold a word that is also a point's name.
+    comment = sentence(in_words(names_in_words(str(entry.get("comment", "")), site), component, info))
     return Entry(int(entry["time"]), state, "the service" if actor == "service" else actor, comment)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import io
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 from zoneinfo import ZoneInfo
 
@@ -23,7 +23,7 @@ from fdd.report.words import DAY, HOUR, local, scale, split_chart
 
 BLUE, ORANGE, RED, GREY, INK = "#0072b2", "#e69f00", "#b3400a", "#8a949e", "#1f2a36"
 BAND = "#cfe3f1"
-WIDE, HALF, TALL = (7.2, 2.5), (3.5, 1.8), (3.5, 2.2)
+WIDE, HALF, TALL = (7.2, 2.4), (3.5, 1.65), (3.5, 2.0)
 """Sizes [inch]: full width, half width, half width with two pictures above each other."""
 BINS = 420
 """Most points drawn of one line; more are averaged."""
@@ -87,7 +87,17 @@ def plots(finding: Finding, site: SiteInfo, start: int, end: int) -> list[Plot]:
     order += [s for s in finding.info.parameters if s not in order]
     moving = [finding.evidence.parameters[s] for s in order if s in finding.evidence.parameters]
     made += [_parameter(finding, p, site) for p in [p for p in moving if _has_history(p)][:4]]
-    return [p for p in made if p is not None]
+    return _told_once([p for p in made if p is not None])
+
+
+def _told_once(plots: list[Plot]) -> list[Plot]:
+    """How to read a kind of picture is said under the first of its kind."""
+    told: set[str] = set()
+    found = []
+    for p in plots:
+        found.append(replace(p, caption="") if p.caption in told else p)
+        told.add(p.caption)
+    return found
 
 
 def _draw(name: str, size: tuple[float, float], rows: int, paint: Callable[[list[Axes]], None], tz: ZoneInfo) -> str:
@@ -252,7 +262,7 @@ def _chart(finding: Finding, trace: ChartTrace, words: str, site: SiteInfo) -> P
     return Plot(
         _draw(f"{trace.name}/chart", HALF, 1, paint, site.tz),
         words.rstrip("."),
-        "It adds up lasting departures; the alarm comes where it passes the limit.",
+        "Lasting departures add up; past the limit it alarms.",
     )
 
 
@@ -353,7 +363,7 @@ def _parameter(finding: Finding, p: ParameterTrace, site: SiteInfo) -> Plot | No
     return Plot(
         _draw(f"{finding.component}/{p.symbol}/parameter", HALF, 1, paint, site.tz),
         _title(described.meaning or p.symbol),
-        "Estimates over time and the healthy baselines (v1, v2, ...), each with its 95 % interval.",
+        "Estimates and baselines (v1, v2, ...), with 95 % intervals.",
     )
 
 

@@ -89,19 +89,26 @@ def write_pages(report: Report, folder: Path) -> list[Path]:
     """A page for every alarm of the period, ``KEY.html``: where dashboards and alarm lists link to."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for f in (*report.findings, *report.consequences, *report.closed):
+    for f in (*report.findings, *report.consequences, *report.closed, *report.models):
         path = folder / page_of(f.key)
         path.write_text(render_html(report.only(f), single=True), encoding="utf-8")
         written.append(path)
     return written
 
 
-def _figures(report: Report) -> dict[str, list[Plot]]:
+def _figures(report: Report) -> dict[str, list[list[Plot]]]:
+    """The evidence of each finding in rows: a wide picture alone, others in pairs."""
     if report.start is None or report.end is None:
         return {}
     illustrated = report.findings[:MOST_ILLUSTRATED]
-    drawn = {f.key: plots(f, report.site, report.start, report.end) for f in illustrated}
+    drawn = {f.key: _rows(plots(f, report.site, report.start, report.end)) for f in illustrated}
     return {f.key: drawn.get(f.key, []) for f in report.findings}
+
+
+def _rows(pictures: list[Plot]) -> list[list[Plot]]:
+    wide = [[p] for p in pictures if p.wide]
+    halves = [p for p in pictures if not p.wide]
+    return wide + [halves[i : i + 2] for i in range(0, len(halves), 2)]
 
 
 def _alike(report: Report) -> dict[tuple[str, str, str], list[str]]:
@@ -121,9 +128,9 @@ def _period(report: Report) -> str:
 def _watched(report: Report) -> str:
     if report.end is None or not report.findings:
         return ""
-    n, blind = len(report.healthy), len({u.name for u in report.unmonitored if u.what == "everything"})
+    n = len(report.healthy)
     words = [f"{n} other component{'s are' if n != 1 else ' is'} healthy"] if n else []
-    words += [f"{blind} could not be monitored"] if blind else []
+    words += report.notes
     return "; ".join(words)
 
 

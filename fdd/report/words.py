@@ -91,6 +91,8 @@ def _number(x: float, shown: str, sign: bool = False) -> str:
         text = f"{x:{'+' if sign else ''}.{2 if abs(x) >= 0.05 else 3}f}"
     else:
         text = _digits(x, sign)
+    if x < 0 and not text.strip("-0."):  # rounded to nothing: no side is claimed
+        return text.lstrip("-")
     return text.replace("-", "−", 1) if x < 0 else text
 
 
@@ -177,7 +179,10 @@ def names_in_words(text: str, site: SiteInfo) -> str:
     """A sentence of the service with alarm keys and points replaced by the equipment and measurement they belong to."""
     for name in sorted(site.components, key=len, reverse=True):
         info = site.components[name]
-        text = _replace(rf"(?:\balarm )?(?<!\S){re.escape(name)}@\S+", f"the alarm of {info.title}", text)
+        # A key ends before the punctuation of the sentence that it stands in.
+        key = rf"(?:\balarm )?(?<!\S){re.escape(name)}@\S+?(?=[,;:.]?(?:\s|$))"
+        text = _replace(key, f"the alarm of {info.title}", text)
+        text = _replace(rf"^{re.escape(name)} has (?=the alarm of )", "It follows from ", text)
         for output in info.outputs.values():
             if output.point and output.meaning:
                 said = f"the {output.meaning} of {info.title} ({output.point})"

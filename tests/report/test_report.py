@@ -147,7 +147,7 @@ def test_change_of_a_parameter_is_told_with_its_interval(store: SqliteStore) -> 
     store.put("alarm", document["key"], document)
     (finding,) = gather(store, plant.site(1)).findings
     assert any(
-        "film coefficient of the hot side at 1 kg/s was estimated 12 % below its baseline (give or take 2 %)" in line
+        "film coefficient of the hot side at 1 kg/s was 12 % below its baseline (give or take 2 %)" in line
         for line in finding.certainty
     )
     assert finding.signals[0].words.startswith("Parameter drift chart (score CUSUM) of film coefficient")
@@ -417,3 +417,46 @@ def test_no_likelihood_reads_as_impossible_or_certain() -> None:
     from fdd.report.words import likely
 
     assert [likely(x) for x in (0.0, 0.004, 0.01, 0.5, 0.999)] == ["under 1 %", "under 1 %", "1 %", "50 %", "over 99 %"]
+
+
+def test_keys_end_before_punctuation_and_points_are_not_found_in_words() -> None:
+    from fdd.report.words import in_words, names_in_words
+
+    info = plant.site(1)
+    said = names_in_words("substation-hx has alarm substation-hx@2025-11-11T09:45:00Z: no healthy model", info)
+    assert said == "It follows from the alarm of Heat exchanger, substation: no healthy model"
+    named = ComponentInfo("House", "Zone", {"T_in": ("indoor", "degC", "indoor temperature")})
+    site = SiteInfo("s", "UTC", 1.0, {"house": named})
+    comment = in_words(names_in_words("chart house/T_in:cusum passed its limit", site), "house", named)
+    assert comment == "the drift chart (CUSUM) of indoor temperature passed its limit"
+
+
+def test_a_model_that_no_longer_holds_is_no_finding(store: SqliteStore) -> None:
+    info = plant.site(2)
+    document = plant.alarm("radiator-1", {}, causes=[{"meaning": "stale", "for": ["it has a memory"]}])
+    document["evidence"] = {"kind": "model", "charts": {}}
+    with store.transaction():
+        plant.fill(store, info, days=8)
+        for name in info.components:
+            plant.keep_baseline(store, plant.baseline(name, 1, {"H": 10.0}))
+        store.put("alarm", document["key"], document)
+    report = gather(store, info)
+    assert report.findings == ()
+    assert [f.component for f in report.models] == ["radiator-1"]
+    assert report.status == "All well on 3 monitored components; 1 model needs attention"
+    assert "radiator-1" not in [w.component for w in report.healthy]
+    page = text(render_html(report))
+    assert "The model needs attention Here no fault of the equipment is claimed" in page
+    assert "It has a memory." in page
+    written = json.loads(findings_json(report))
+    assert (len(written["findings"]), [f["kind"] for f in written["models"]]) == (0, ["model"])
+    assert [row["kind"] for row in csv.DictReader(io.StringIO(findings_csv(report)))] == ["model"]
+
+
+def test_what_saves_energy_is_no_cost(store: SqliteStore) -> None:
+    document = plant.alarm("radiator-0", {"T_return": 1})
+    document["evidence"]["cost_per_day"] = {"value": None, "kWh_per_day": -18.2, "kind": "energy", "basis": "b"}
+    store.put("alarm", document["key"], document)
+    (found,) = gather(store, plant.site(1)).findings
+    assert found.cost == "No extra cost"
+    assert found.cost_detail.startswith("18.2 kWh a day less than when healthy")
