@@ -266,7 +266,7 @@ def charts_design(
     as_json: AsJson = False,
 ) -> None:
     """Limits for a promised rate of false alarms, and how soon a shift is then found."""
-    from fdd.residual_monitors.design import design_plot, design_table
+    from fdd.residual_monitors.design import design_plot, duration, quantile_table
     from fdd.residual_monitors.run_length import Kind
     from fdd.service.chart_design import designs, document, write_design_page
     from fdd.units import seconds
@@ -282,11 +282,15 @@ def charts_design(
     if as_json:
         _print_json(document(found))
         return
-    head, rows = design_table(found)
-    table = Table(*head, box=None)
-    for row in rows:
-        table.add_row(*row)
-    out.print(table, soft_wrap=True)
+    for d in found:
+        head, rows = quantile_table(d)
+        title = (
+            f"{d.name}, every {duration(d.interval)}, {d.false_alarms_a_year:g} false alarms a year: time to an alarm"
+        )
+        table = Table(*head, title=title, title_justify="left", box=None)
+        for row in rows:
+            table.add_row(*row)
+        out.print(table, soft_wrap=True)
     for path in (plot, html):
         if path:
             screen.print(f"written: {path}")

@@ -15,6 +15,9 @@ from fdd.residual_monitors.run_length import Kind, Rule, Start, arl, baseline_ef
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+TICKS = (1.0, 10.0, 60.0, 300.0, 900.0, 3600.0, 14_400.0, 86_400.0, 345_600.0, 1_382_400.0, 5_184_000.0, 4 * YEAR)
+"""Times that an axis of delays is marked at [s]."""
 SHIFTS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 Sampling = Literal["point", "mean"]
 
@@ -31,6 +34,7 @@ class Design:
     shifts : standard deviations of a sample
     delay, late : mean and 90 % quantile of the time to detection for each shift [s], from a settled chart (MEWMA, EWMA
         with exact limits: from the start)
+    begin : where the chart stands when the shift comes, see :mod:`fdd.residual_monitors.run_length`
     """
 
     rule: Rule
@@ -40,6 +44,11 @@ class Design:
     shifts: tuple[float, ...]
     delay: tuple[float, ...]
     late: tuple[float, ...]
+    begin: Start = "steady"
+
+    def quantiles(self, shift: float, levels: Sequence[float] = QUANTILES) -> list[float]:
+        """Times within which an alarm comes with these probabilities [s]; at shift 0 those of false alarms."""
+        return [self.interval * run_length_quantile(self.rule, self.limit, p, shift, self.begin) for p in levels]
 
     @property
     def name(self) -> str:
@@ -102,6 +111,7 @@ def design_chart(
         rule, limit, interval, false_alarms_a_year, tuple(shifts),
         tuple(interval * arl(rule, limit, s, begin) for s in shifts),
         tuple(interval * run_length_quantile(rule, limit, 0.9, s, begin) for s in shifts),
+        begin,
     )  # fmt: skip
 
 
@@ -113,6 +123,34 @@ def design_table(designs: Sequence[Design]) -> tuple[list[str], list[list[str]]]
     for d in designs:
         at = {s: f"{duration(m)} ({duration(q)})" for s, m, q in zip(d.shifts, d.delay, d.late, strict=True)}
         rows.append([d.name, duration(d.interval), f"{d.false_alarms_a_year:g}", *(at.get(s, "") for s in shifts)])
+    return head, rows
+
+
+def quantile_table(design: Design, shifts: Sequence[float] | None = None) -> tuple[list[str], list[list[str]]]:
+    """Head and rows: mean and quantiles of the time to an alarm, a row a shift; without one to a false one."""
+    head = ["shift", "mean", *(f"{p:.0%} within" for p in QUANTILES)]
+    rows = []
+    for s in (0.0, *(design.shifts if shifts is None else shifts)):
+        mean = design.interval * arl(design.rule, design.limit, s, design.begin)
+        rows.append(["none" if s == 0 else f"{s:g} sd", duration(mean), *map(duration, design.quantiles(s))])
+    return head, rows
+
+
+def sampling_table(
+    design: Design, shift: float = 0.5, every: Sequence[int] = (1, 3, 12)
+) -> tuple[list[str], list[list[str]]]:
+    """Head and rows: mean delay to the same fault where samples are taken more seldom, or averaged over longer."""
+    head = ["samples every", "single values: limit", "mean delay", "means over the interval: limit", "mean delay"]
+    constants = {"k": design.rule.k, "lam": design.rule.lam, "dimension": design.rule.dimension}
+    intervals = [design.interval * n for n in every]
+    kind, rate, base = design.rule.kind, design.false_alarms_a_year, design.interval
+    columns = [
+        sampling_effect(kind, rate, intervals, shift, base=base, sampling=s, **constants) for s in ("point", "mean")
+    ]  # fmt: skip
+    rows = [
+        [duration(t), f"{p.limit:.4g}", duration(p.delay[0]), f"{m.limit:.4g}", duration(m.delay[0])]
+        for t, p, m in zip(intervals, *columns, strict=True)
+    ]
     return head, rows
 
 
@@ -135,8 +173,14 @@ def design_plot(designs: Sequence[Design], path: Path | None = None) -> Figure:
         hours = np.array(d.delay) / 3600
         (line,) = axes.loglog(d.shifts, hours, marker="o", ms=3, label=f"{d.name}, every {duration(d.interval)}")
         axes.fill_between(d.shifts, hours, np.array(d.late) / 3600, alpha=0.12, color=line.get_color())
+    shifts = sorted({s for d in designs for s in d.shifts})
+    axes.set_xticks(shifts, [f"{s:g}" for s in shifts])
+    low, high = axes.get_ylim()
+    marks = [t for t in TICKS if low <= t / 3600 <= high]
+    axes.set_yticks([t / 3600 for t in marks], [duration(t) for t in marks])
+    axes.minorticks_off()
     axes.set_xlabel("shift [standard deviations of a sample]")
-    axes.set_ylabel("delay [h]: mean (line) to 90 % found (band)")
+    axes.set_ylabel("delay: mean (line) to 90 % found (band)")
     axes.grid(alpha=0.3, which="both")
     axes.legend(fontsize="small")
     if path is not None:

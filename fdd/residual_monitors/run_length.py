@@ -29,8 +29,8 @@ from fdd.residual_monitors.transition import Transition
 Kind = Literal["cusum", "ewma", "mewma", "shewhart"]
 Start = float | Literal["zero", "steady"]
 
-ARL_MOST = 1e8
-"""Longest mean run length that double precision still resolves here."""
+ARL_MOST = 1e15
+"""Longest mean run length of a limit: a chart of 1 000 samples a second would ring once in 30 000 years."""
 _SHIFT_NODES = 15
 _SCALE_NODES = 9
 _LONGEST_OPENING = 20_000
@@ -169,6 +169,10 @@ def _survival(rule: Rule, limit: float, shift: float, start: Start) -> _Survival
         weights = _chain(rule, limit, 0.0, plane).quasi_stationary() @ chain.matrix
     else:
         weights = chain.row(_share(start))
+    mean = float(weights @ _means(rule, limit, shift, plane))
+    if mean > transition.PLAIN_MOST:
+        # The opening is nothing against it, and its hazard is below what a product of survivals resolves.
+        return _Survival(np.ones(1), -1.0 / mean)
     first, factor = [float(weights.sum())], 0.0
     for _ in range(_LONGEST_OPENING):
         weights = weights @ chain.matrix
@@ -297,7 +301,7 @@ def limit_for(
     Parameters
     ----------
     kind, k, lam, sided, dimension, exact : see :class:`Rule`
-    in_control_arl : scalar or array, updates, above 1 and up to 1e8
+    in_control_arl : scalar or array, updates, above 1 and up to 1e15
     head_start : share of the limit a CUSUM starts from
     shift_sd : standard deviation of the constant error that an estimated baseline leaves in the values [standard
         deviations of a value]: ``1 / sqrt(m)`` for a mean of m values. The limit is widened so that the false-alarm

@@ -11,8 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numba
 import numpy as np
 from scipy.special import gammaln, i0e, ive, ndtr
+from scipy.stats import ncx2
 
 from fdd.records import FloatArray
 
@@ -21,6 +23,8 @@ NODES_MOST = 600
 """Bounds of the number of nodes along an axis; between them about ten for each standard deviation of a step."""
 PLANE_MOST = (48, 28)
 """Most nodes along and across a shift for the two-dimensional equation of the MEWMA."""
+PLAIN_MOST = 1e8
+"""Mean run length up to which 1 - P is solved as it stands; it loses a digit with every factor of ten."""
 _ROOT_2PI = float(np.sqrt(2 * np.pi))
 
 
@@ -32,15 +36,20 @@ class Transition:
     ----------
     matrix : shape (m, m), weights from node to node; a row's sum is the probability of no alarm in the step
     row : weights of the first step from a start given as a share of the limit, shape (m,)
+    leave : shape (m,), probability of an alarm in the step, to its own relative accuracy; None where it is not known
     """
 
     matrix: FloatArray
     row: Callable[[float], FloatArray]
+    leave: FloatArray | None = None
 
     def mean(self) -> FloatArray:
         """Mean run length from each node, shape (m,)."""
         m = len(self.matrix)
-        return np.asarray(np.linalg.solve(np.eye(m) - self.matrix, np.ones(m)))
+        plain = np.asarray(np.linalg.solve(np.eye(m) - self.matrix, np.ones(m)))
+        if self.leave is None or (plain.min() > 0 and plain.max() < PLAIN_MOST):
+            return plain
+        return np.asarray(_mean_without_subtraction(self.matrix.copy(), self.leave.copy()))
 
     def quasi_stationary(self) -> FloatArray:
         """Where a chart that has run long without alarm stands: weights of the nodes, shape (m,), sum 1."""
@@ -54,6 +63,35 @@ class Transition:
             if np.max(np.abs(weights - last)) < 1e-14:
                 break
         return np.asarray(weights)
+
+
+@numba.njit(cache=True)
+def _mean_without_subtraction(matrix: FloatArray, leave: FloatArray) -> FloatArray:
+    """Solve (1 - P) m = 1 to full relative accuracy however rare an alarm is; both arrays are overwritten.
+
+    Elimination after Grassmann, Taksar and Heyman (1985, Operations Research 33, 1107-1116): a diagonal element of
+    1 - P is the sum of what leaves the node, so that nothing is ever subtracted.
+    """
+    n = len(leave)
+    right = np.ones(n)
+    pivot = np.empty(n)
+    for k in range(n - 1, -1, -1):
+        pivot[k] = leave[k]
+        for j in range(k):
+            pivot[k] += matrix[k, j]
+        for i in range(k):
+            share = matrix[i, k] / pivot[k]
+            leave[i] += share * leave[k]
+            right[i] += share * right[k]
+            for j in range(k):
+                matrix[i, j] += share * matrix[k, j]
+    mean = np.empty(n)
+    for k in range(n):
+        total = right[k]
+        for j in range(k):
+            total += matrix[k, j] * mean[j]
+        mean[k] = total / pivot[k]
+    return mean
 
 
 @lru_cache(maxsize=64)
@@ -87,7 +125,9 @@ def cusum(h: float, k: float, shift: float) -> Transition:
         above = w * _normal(y[None, :] + k - start[:, None] - shift)
         return np.hstack([at_zero, above])
 
-    return Transition(rows(np.concatenate([[0.0], y])), lambda share: rows(np.array([share * h]))[0])
+    nodes = np.concatenate([[0.0], y])
+    leave = np.asarray(ndtr(nodes - h - k + shift))
+    return Transition(rows(nodes), lambda share: rows(np.array([share * h]))[0], leave)
 
 
 def ewma(limit: float, lam: float, shift: float) -> Transition:
@@ -98,7 +138,9 @@ def ewma(limit: float, lam: float, shift: float) -> Transition:
     def rows(start: FloatArray) -> FloatArray:
         return np.asarray(w * _normal((y[None, :] - (1 - lam) * start[:, None]) / lam - shift) / lam)
 
-    return Transition(rows(y), lambda share: rows(np.array([share * c]))[0])
+    kept = (1 - lam) * y
+    leave = np.asarray(ndtr((kept - c) / lam + shift) + ndtr((-c - kept) / lam - shift))
+    return Transition(rows(y), lambda share: rows(np.array([share * c]))[0], leave)
 
 
 def ewma_opening(limit: float, lam: float, shift: float) -> tuple[float, FloatArray]:
@@ -147,7 +189,8 @@ def mewma(limit: float, lam: float, dimension: int) -> Transition:
     def rows(start: FloatArray) -> FloatArray:
         return np.asarray(w / lam * _chi(y[None, :] / lam, (1 - lam) / lam * start[:, None], dimension))
 
-    return Transition(rows(y), lambda share: rows(np.array([share * radius]))[0])
+    leave = np.asarray(ncx2.sf((radius / lam) ** 2, dimension, ((1 - lam) / lam * y) ** 2))
+    return Transition(rows(y), lambda share: rows(np.array([share * radius]))[0], leave)
 
 
 def mewma_shifted(limit: float, lam: float, dimension: int, shift: float) -> Transition:

@@ -8,13 +8,28 @@ from typing import get_args
 
 from fdd.records import JsonObject
 from fdd.report.figures_page import Part, picture, write_page
-from fdd.residual_monitors.design import Design, baseline_table, design_chart, design_plot, design_table
+from fdd.residual_monitors.design import (
+    QUANTILES,
+    Design,
+    baseline_table,
+    design_chart,
+    design_plot,
+    design_table,
+    duration,
+    quantile_table,
+    sampling_table,
+)
 from fdd.residual_monitors.run_length import Kind
 from fdd.service.errors import UsageError
 
 NOTE = (
     "Mean delay; nine of ten are found within the bracket. Shifts in standard deviations of a sample; "
     "samples are independent."
+)
+
+QUANTILE_NOTE = "Of a hundred charts, so many have rung by then: for nothing (no shift), or for a lasting shift."
+SAMPLING_NOTE = (
+    "The same lasting fault (half a standard deviation at the first interval), at the same false alarms a year."
 )
 
 
@@ -70,6 +85,9 @@ def document(found: Sequence[Design]) -> JsonObject:
                 "shift_sd": list(d.shifts),
                 "mean_delay_seconds": list(d.delay),
                 "delay_90_percent_seconds": list(d.late),
+                "quantile_levels": list(QUANTILES),
+                "false_alarm_quantiles_seconds": d.quantiles(0.0),
+                "delay_quantiles_seconds": [d.quantiles(s) for s in d.shifts],
             }
             for d in found
         ]
@@ -77,12 +95,14 @@ def document(found: Sequence[Design]) -> JsonObject:
 
 
 def write_design_page(found: Sequence[Design], path: Path) -> Path:
-    """Table and plot, and for CUSUM and EWMA what a short baseline costs."""
+    """Table and plot; quantiles of the run length, what sampling changes, and what a short baseline costs."""
     head, rows = design_table(found)
     parts = [Part("Delay against shift", head, rows, [picture(design_plot(found), "Delay against shift")], NOTE)]
     for d in found:
+        which = f"{d.name}, every {duration(d.interval)}"
+        parts.append(Part(f"{which}: how long until an alarm", *quantile_table(d), note=QUANTILE_NOTE))
+        parts.append(Part(f"{which}: sampling interval", *sampling_table(d), note=SAMPLING_NOTE))
         if d.rule.kind in ("cusum", "ewma"):
-            head, rows = baseline_table(d)
-            parts.append(Part(f"{d.name}: a short baseline", head, rows))
+            parts.append(Part(f"{which}: a short baseline", *baseline_table(d)))
     lines = ["Limits are such that each chart rings falsely as often as promised, and no more."]
     return write_page(path, "Chart design", "Control charts by their false alarms a year", lines, parts)

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mpmath
+import numpy as np
 import pytest
 
 from fdd.residual_monitors.budget import YEAR
@@ -11,9 +13,11 @@ from fdd.residual_monitors.design import (
     design_plot,
     design_table,
     duration,
+    quantile_table,
     sampling_effect,
+    sampling_table,
 )
-from fdd.residual_monitors.run_length import arl
+from fdd.residual_monitors.run_length import Rule, arl, limit_for, run_length_quantile
 
 
 def test_one_false_alarm_a_year_needs_the_limits_of_the_literature() -> None:
@@ -76,3 +80,64 @@ def test_durations_read_well(seconds: float, text: str) -> None:
 def test_bad_requests_say_what_to_do() -> None:
     with pytest.raises(ValueError, match="must be positive"):
         design_chart("cusum", 0.0, 300.0)
+
+
+def test_very_rare_alarms_follow_the_exponential_law_of_the_cusum() -> None:
+    """The mean run length grows by exp(2 k) with every unit of h: the nonzero root of the step's cumulant generating
+    function is 2 k (Siegmund 1985, chapter 2)."""
+    for k in (0.25, 0.5, 1.0):
+        for rarity in (1e9, 1e12, 1e14):
+            h = float(limit_for("cusum", rarity, k=k))
+            grown = arl(Rule("cusum", k=k), h + 1.0) / arl(Rule("cusum", k=k), h)
+            assert grown == pytest.approx(np.exp(2 * k), rel=1e-6)
+
+
+def test_very_rare_alarms_agree_with_thirty_digits() -> None:
+    """The same integral equation in multiple precision, by plain elimination."""
+    h, k, n = 24.0, 0.5, 80
+    nodes, weights = np.polynomial.legendre.leggauss(n)
+    with mpmath.workdps(30):
+        y = [mpmath.mpf(0)] + [mpmath.mpf(h) / 2 * (1 + mpmath.mpf(float(x))) for x in nodes]
+        w = [mpmath.mpf(h) / 2 * mpmath.mpf(float(v)) for v in weights]
+        matrix = mpmath.matrix(n + 1, n + 1)
+        for i in range(n + 1):
+            matrix[i, 0] = -mpmath.ncdf(k - y[i])
+            for j in range(n):
+                matrix[i, j + 1] = -w[j] * mpmath.npdf(y[j + 1] + k - y[i])
+            matrix[i, i] += 1
+        one = mpmath.lu_solve(matrix, mpmath.ones(n + 1, 1))
+    # Nodes in double precision carry their own rounding, times the condition of the plain equation.
+    assert arl(Rule("cusum", k=k, sided=1), h) == pytest.approx(float(one[0]), rel=1e-3)
+
+
+def test_quantiles_of_very_rare_alarms_are_those_of_the_exponential() -> None:
+    limit = float(limit_for("cusum", 1e12))
+    for p in (0.05, 0.5, 0.95):
+        wanted = -np.log1p(-p) * 1e12
+        assert run_length_quantile(Rule("cusum"), limit, p) == pytest.approx(wanted, rel=2e-3)
+
+
+def test_a_promise_that_no_limit_keeps_is_refused_with_the_remedy() -> None:
+    with pytest.raises(ValueError, match=r"not above 1e\+15: raise the false-alarm budget"):
+        design_chart("cusum", 1e-11, 300.0)
+
+
+def test_quantile_table_brackets_the_mean_and_false_alarms_are_geometric() -> None:
+    design = design_chart("cusum", 1.0, 300.0)
+    false = design.quantiles(0.0)
+    assert false[2] == pytest.approx(np.log(2) * YEAR, rel=0.01)
+    assert false[4] == pytest.approx(np.log(20) * YEAR, rel=0.01)
+    delays = design.quantiles(1.0)
+    assert delays == sorted(delays)
+    assert delays[1] < design.delay[design.shifts.index(1.0)] < delays[4]
+    head, rows = quantile_table(design, (0.5, 1.0, 2.0))
+    assert [r[0] for r in rows] == ["none", "0.5 sd", "1 sd", "2 sd"]
+    assert rows[0][1] in ("365 d", "366 d")
+    assert all(len(r) == len(head) for r in rows)
+
+
+def test_sampling_table_says_what_taking_fewer_samples_costs() -> None:
+    head, rows = sampling_table(design_chart("cusum", 1.0, 300.0))
+    assert [r[0] for r in rows] == ["5 min", "15 min", "60 min"]
+    assert all(len(r) == len(head) for r in rows)
+    assert rows[0][1:3] == rows[0][3:5]  # the first interval is the same for both
