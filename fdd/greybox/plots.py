@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import io
+import math
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from scipy import stats
 
 from fdd.greybox.validate import Validation
@@ -18,25 +21,66 @@ from fdd.greybox.validate import Validation
 if TYPE_CHECKING:
     from fdd.greybox.inference import Profile
 
+FloatArray = NDArray[np.float64]
+
 
 def diagnostics(v: Validation) -> Figure:
-    """One page: prediction, residuals, autocorrelation, periodogram, lag dependence and quantiles of each output."""
-    symbols = v.result._model().symbols["outputs"]
-    figure = Figure(figsize=(16, 5.2 * len(symbols)), layout="constrained")
-    axes = figure.subplots(2 * len(symbols), 3, squeeze=False)
-    units = [q.unit for q in v.result._model().outputs]
-    for j, symbol in enumerate(symbols):
-        _output(axes[2 * j : 2 * j + 2].ravel(), v, j, symbol, units[j])
+    """One page of each output: prediction, residuals, autocorrelation, periodogram, lag dependence, quantiles.
+
+    Below them the residuals against every input and predicted output.
+    """
+    outputs = v.result._model().outputs
+    signals = _signals(v)
+    across = 4 if len(signals) <= 4 else 6  # plots in a row
+    more = math.ceil(len(signals) / across)
+    heights = [1.4, 1.4, *[1.1] * more] * len(outputs)
+    figure = Figure(figsize=(16, 1.9 * sum(heights)), layout="constrained")
+    grid = figure.add_gridspec(len(heights), 12, height_ratios=heights)
+    wide, narrow = 4, 12 // across
+    for j, q in enumerate(outputs):
+        top = j * (2 + more)
+        main = [figure.add_subplot(grid[top + i // 3, wide * (i % 3) : wide * (i % 3 + 1)]) for i in range(6)]
+        _output(main, v, j, q.symbol, q.unit)
+        for i, (name, signal) in enumerate(signals):
+            left = narrow * (i % across)
+            a = figure.add_subplot(grid[top + 2 + i // across, left : left + narrow])
+            _against(a, v.path.standardised[1:, j], name, signal)
+            a.set_ylabel("residual" if i % across == 0 else "", fontsize=8)
     return figure
 
 
-def _output(axes: np.ndarray[tuple[int], np.dtype[np.object_]], v: Validation, j: int, symbol: str, unit: str) -> None:
-    t, z, curve = v.data.t, v.path.standardised[:, j], v.curves[symbol]
+def _signals(v: Validation) -> list[tuple[str, FloatArray]]:
+    """What residuals are held against: inputs since the sample before, and predicted outputs."""
+    model = v.result._model()
+    inputs = [(f"{q.symbol} [{q.unit}]", v.data.u[:-1, i]) for i, q in enumerate(model.inputs)]
+    outputs = [(f"{q.symbol} predicted [{q.unit}]", v.path.predicted[1:, i]) for i, q in enumerate(model.outputs)]
+    return inputs + outputs
+
+
+def _against(a: Axes, z: FloatArray, name: str, signal: FloatArray) -> None:
+    """Residuals over a signal, with the means of ten groups of equal size that the test compares."""
+    ok = np.isfinite(z) & np.isfinite(signal)
+    order = np.argsort(signal[ok], kind="stable")
+    a.plot(signal[ok], z[ok], ".", ms=1.5, color="0.6")
+    groups = [(signal[ok][g].mean(), z[ok][g].mean()) for g in np.array_split(order, 10) if len(g)]
+    a.plot(*zip(*groups, strict=True), "o-", ms=3, lw=0.8, color="C1")
+    a.axhline(0.0, color="C3", lw=0.7, ls="--")
+    a.set_ylim(-4, 4)
+    a.set_xlabel(name, fontsize=8)
+    a.tick_params(labelsize=7)
+
+
+def _output(axes: Sequence[Axes], v: Validation, j: int, symbol: str, unit: str) -> None:
+    hours = np.ptp(v.data.t) > 7200
+    t = (v.data.t - v.data.t[0]) / 3600 if hours else v.data.t
+    z, curve = v.path.standardised[:, j], v.curves[symbol]
     title = [f"{symbol}: one-step prediction", "standardised residual", "autocorrelation", "cumulated periodogram"]
     title += ["lag dependent function", "normal quantiles"]
     for a, text in zip(axes, title, strict=True):
         a.set_title(text, fontsize=10)
     simulated = v.result.simulate(v.data)[:, j]
+    for a in axes[:2]:
+        a.set_xlabel("time from the first sample [h]" if hours else "time [s]")
     axes[0].plot(t, v.data.y[:, j], ".", ms=2, color="0.4", label="measured")
     axes[0].plot(t, v.path.predicted[:, j], lw=0.8, label="one step")
     axes[0].plot(t, simulated, lw=0.8, label="simulated")
@@ -55,10 +99,11 @@ def _output(axes: np.ndarray[tuple[int], np.dtype[np.object_]], v: Validation, j
     _stems(axes[4], curve["ldf"], curve["ldf_limit"])
     ordered = np.sort(z[np.isfinite(z)])
     axes[5].plot(stats.norm.ppf((np.arange(len(ordered)) + 0.5) / len(ordered)), ordered, ".", ms=2)
+    axes[5].set_xlabel("normal distribution")
     axes[5].plot([-3, 3], [-3, 3], color="C3", lw=0.7)
 
 
-def _stems(a: Axes, values: np.ndarray[tuple[int], np.dtype[np.float64]], band: float) -> None:
+def _stems(a: Axes, values: FloatArray, band: float) -> None:
     a.bar(np.arange(1, len(values) + 1), values, width=0.3)
     for level in (-band, band):
         a.axhline(level, color="C3", lw=0.7, ls="--")

@@ -54,8 +54,8 @@ class Validation:
         """The verdicts as text."""
         head = f"{'test':<22}{'of':<22}{'statistic':>11}{'limit':>11}{'p':>8}  verdict"
         rows = [
-            f"{v.test:<22}{v.about:<22}{v.statistic:>11.4g}{v.limit:>11.4g}"
-            f"{'' if math.isnan(v.p) else f'{v.p:.3f}':>8}  {'pass' if v.passed else 'FAIL'}: {v.remark}"
+            f"{v.test:<22}{v.about:<22}{_cell(v.statistic, '.4g'):>11}{_cell(v.limit, '.4g'):>11}"
+            f"{_cell(v.p, '.3f'):>8}  {'pass' if v.passed else 'FAIL'}: {v.remark}"
             for v in self.verdicts
         ]
         return "\n".join([head, *rows])
@@ -67,6 +67,10 @@ class Validation:
         for row in rows:
             row.update({k: None for k, v in row.items() if isinstance(v, float) and not math.isfinite(v)})
         return {"passed": self.passed, "verdicts": rows}
+
+
+def _cell(value: float, form: str) -> str:
+    return "" if math.isnan(value) else format(value, form)
 
 
 def validate(
@@ -217,7 +221,8 @@ def _against_signals(result: FitResult, d: Data, path: FilterPath, j: int, alpha
         remark = (
             "no relation" if p > limit else ("a line" if p_line <= p_curve else "a curve") + " is left in the residuals"
         )
-        out.append(Verdict("residual against", f"{symbol} / {name}", r, limit, p, p > limit, remark))
+        remark += f"; correlation, p of line and curve against {limit:.2g}"
+        out.append(Verdict("residual against", f"{symbol} / {name}", r, math.nan, p, p > limit, remark))
     return out
 
 
@@ -296,7 +301,7 @@ def plausibility(result: FitResult, d: Data) -> list[Verdict]:
     step, span = float(np.median(d.dt)), float(d.t[-1] - d.t[0])
     for i, tau in enumerate(taus):
         ok = step / 10 <= tau <= 5 * span
-        remark = f"sampled every {step:g}, over {span:g}"
+        remark = f"s; sampled every {step:g} s, over {span:g} s"
         if tau < 0 or not math.isfinite(tau):
             remark = "unstable or without restoring force; " + remark
         out.append(Verdict("time constant", f"{model.name} {i + 1}", tau, 5 * span, math.nan, ok, remark))
