@@ -3,7 +3,7 @@
 A signature says, for a fault of one size, how far each physical parameter seems to move (estimation scale), how far the
 mean of each standardised innovation shifts, and how far it jumps when the fault comes at once; each with its scatter
 over simulated plants. ``signatures.yaml`` holds what ``python -m benchmarks.diagnosis --write`` measured through the
-service's own engine. A fault that no plant was simulated with is told by the signs its model declares.
+service's own engine, ``signatures-air_handler.yaml`` what ``python -m benchmarks.air_plant --write`` did. A fault that no plant was simulated with is told by the signs its model declares.
 """
 
 from __future__ import annotations
@@ -75,9 +75,11 @@ class Hypothesis:
 
 @cache
 def table() -> dict[str, Any]:
-    """The measured signatures by model name."""
-    text = resources.files("fdd.diagnosis").joinpath("signatures.yaml").read_text(encoding="utf-8")
-    found: dict[str, Any] = YAML(typ="safe", pure=True).load(text)["models"]
+    """The measured signatures by model name, of every plant that was simulated."""
+    found: dict[str, Any] = {}
+    for file in sorted(resources.files("fdd.diagnosis").iterdir(), key=lambda f: f.name):
+        if file.name.startswith("signatures") and file.name.endswith(".yaml"):
+            found |= YAML(typ="safe", pure=True).load(file.read_text(encoding="utf-8"))["models"]
     return found
 
 

@@ -142,15 +142,25 @@ def _sludge(network: Network, fault: PlantFault, extent: FloatArray) -> list[Cha
     return effects
 
 
+def _leak(network: Network, fault: PlantFault, extent: FloatArray) -> list[Change | SensorFault]:
+    """A block's setting ``leak``, or a component's parameter named ``component.leak_...``."""
+    owner, _, symbol = fault.target.rpartition(".")
+    component = network.components.get(owner)
+    if component is None or not symbol.startswith("leak") or symbol not in component.parameters:
+        able = [f"{n}.{s}" for n, c in network.components.items() for s in c.parameters if s.startswith("leak")]
+        return _setting("leak", _added, able)(network, fault, extent)
+    return [Change(fault.target, _added(component.parameters[symbol], fault.severity, extent))]
+
+
 def _setting(
-    symbol: str, law: Callable[[float, float, FloatArray], FloatArray]
+    symbol: str, law: Callable[[float, float, FloatArray], FloatArray], others: Sequence[str] = ()
 ) -> Callable[[Network, PlantFault, FloatArray], list[Change | SensorFault]]:
-    """A block's setting follows ``law(healthy value, severity, extent)``."""
+    """A block's setting follows ``law(healthy value, severity, extent)``; ``others`` are further targets to name."""
 
     def act(network: Network, fault: PlantFault, extent: FloatArray) -> list[Change | SensorFault]:
         block = network.controllers.get(fault.target)
         if block is None or symbol not in block.settings:
-            able = [n for n, c in network.controllers.items() if symbol in c.settings]
+            able = [n for n, c in network.controllers.items() if symbol in c.settings] + [*others]
             raise PlantError(
                 f"fault {fault.kind} acts on {', '.join(able) or 'no block of this plant'}, not {fault.target!r}"
             )
@@ -179,6 +189,14 @@ def _sensor(
     return act
 
 
+def _drift(network: Network, fault: PlantFault, extent: FloatArray) -> list[Change | SensorFault]:
+    if fault.shape == "step":
+        raise PlantError(
+            "fault drift: shape 'step'; a drift grows: use shape ramp, or kind bias for an error that jumps"
+        )
+    return _sensor(offset=1.0)(network, fault, extent)
+
+
 def _swap(network: Network, fault: PlantFault, extent: FloatArray) -> list[Change | SensorFault]:
     """Wrong installation: the points ``a | b`` are exchanged."""
     points = [p.strip() for p in fault.target.split("|")]
@@ -203,7 +221,7 @@ def _raised(healthy: float, severity: float, extent: FloatArray) -> FloatArray:
     return healthy * (1.0 + severity * extent)
 
 
-_TRANSFER = _less("U", "C", "C_hot", "C_cold", "K_hot", "K_cold", "UA")
+_TRANSFER = _less("U", "C", "C_hot", "C_cold", "K_hot", "K_cold", "UA", "n_cool")
 _READING = "the point's unit"
 
 KINDS: dict[str, Kind] = {
@@ -211,12 +229,12 @@ KINDS: dict[str, Kind] = {
     "air": Kind("air in a radiator", "share of the surface lost", _air),
     "sludge": Kind("deposits in a radiator", "share of the flow lost", _sludge),
     "wear": Kind("worn pump or fan", "share of the head lost", _less("head", "p_0")),
-    "leak": Kind("valve seat leaks through", "share of the full flow when closed", _setting("leak", _added)),
+    "leak": Kind("valve seat leaks through", "share of the full flow when closed", _leak),
     "stick": Kind("valve stem sticks", "opening lost at a change of direction", _setting("play", _added)),
     "stuck": Kind("valve stem does not move", "any above zero", _setting("stuck", _on)),
     "hunting": Kind("controller swings", "factor on its gain, less one", _setting("gain", _raised)),
     "bias": Kind("sensor reads wrong by a constant", _READING, _sensor(offset=1.0)),
-    "drift": Kind("sensor's error grows", f"{_READING}, at the end of the ramp", _sensor(offset=1.0)),
+    "drift": Kind("sensor's error grows", f"{_READING}, at the end of the ramp", _drift),
     "noise": Kind("sensor is noisy", "factor on its noise, less one", _sensor(noise=1.0)),
     "scaling": Kind("sensor reads a wrong share", "share of the value", _sensor(gain=1.0)),
     "freeze": Kind("sensor keeps its last value", "any above zero", _sensor(frozen=True)),

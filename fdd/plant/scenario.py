@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -63,6 +63,17 @@ class Scenario:
 
 
 @dataclass(frozen=True, slots=True)
+class Plant:
+    """A plant that scenarios can run: how it is wired, and its outside signals at event times [ns]."""
+
+    network: Callable[[], Network]
+    outside: Callable[[IntArray, np.random.Generator], Mapping[str, FloatArray]]
+
+
+HOUSE = Plant(district_plant, outside)
+
+
+@dataclass(frozen=True, slots=True)
 class Piece:
     """Consecutive samples: number of the first, event times (n,) [ns], measured points (n, n_points)."""
 
@@ -76,22 +87,24 @@ def points(plant: Network | None = None) -> list[str]:
     return list((plant or district_plant()).sensors)
 
 
-def pieces(scenario: Scenario, progress: Callable[[int, int], None] | None = None) -> Iterator[Piece]:
-    """Simulate in pieces of a week, SI units.
+def pieces(
+    scenario: Scenario, progress: Callable[[int, int], None] | None = None, plant: Plant = HOUSE
+) -> Iterator[Piece]:
+    """Simulate in pieces of a week, SI units; the demonstration house, or another plant.
 
     Raises
     ------
     PlantError : a fault the plant cannot have
     """
-    plant = district_plant()
+    network = plant.network()
     warm = round(WARM_UP * 86400.0 / scenario.step)
     gap = round(scenario.step * NANOSECONDS)
     time = scenario.first + np.arange(-warm, scenario.samples, dtype=np.int64) * gap
     weather_seed, plant_seed = np.random.SeedSequence(scenario.seed).generate_state(2)
     seconds = (time - scenario.first) / NANOSECONDS
-    changes, sensors = effects(plant, scenario.faults, seconds)
-    simulator = Simulator(plant, scenario.step, int(plant_seed))
-    signals = outside(time, np.random.default_rng(weather_seed))
+    changes, sensors = effects(network, scenario.faults, seconds)
+    simulator = Simulator(network, scenario.step, int(plant_seed))
+    signals = plant.outside(time, np.random.default_rng(weather_seed))
     for block in simulator.run(signals, changes, sensors, progress=progress):
         keep = max(0, warm - block.start)
         if keep < len(block.measured):
@@ -99,13 +112,15 @@ def pieces(scenario: Scenario, progress: Callable[[int, int], None] | None = Non
             yield Piece(at - warm, time[at : block.start + len(block.measured)], block.measured[keep:])
 
 
-def simulate(scenario: Scenario, progress: Callable[[int, int], None] | None = None) -> pd.DataFrame:
+def simulate(
+    scenario: Scenario, progress: Callable[[int, int], None] | None = None, plant: Plant = HOUSE
+) -> pd.DataFrame:
     """Measured points by event time (UTC), one column a point, SI units.
 
     Raises
     ------
     PlantError : a fault the plant cannot have
     """
-    parts = list(pieces(scenario, progress))
+    parts = list(pieces(scenario, progress, plant))
     index = pd.DatetimeIndex(pd.to_datetime(np.concatenate([p.time for p in parts]), utc=True), name="time")
-    return pd.DataFrame(np.concatenate([p.values for p in parts]), index=index, columns=pd.Index(points()))
+    return pd.DataFrame(np.concatenate([p.values for p in parts]), index=index, columns=pd.Index(points(plant.network())))

@@ -1,0 +1,112 @@
+"""The simulated air handler: how it works in health, what its faults do to it, and that the engine names them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pandas as pd
+import pytest
+
+from benchmarks.air_plant import AIR, CASES, ONSET, START, known, learned, watch
+from fdd.plant.air_plant import AIR_STEP, air_plant
+from fdd.plant.faults import DAY, PlantFault
+from fdd.plant.network import PlantError
+from fdd.plant.scenario import Scenario, simulate
+
+BY_TITLE = {case.title: case for case in CASES}
+DAYS = 6.0
+
+
+@cache
+def run(title: str) -> pd.DataFrame:
+    """Six days from a Monday on."""
+    fault = BY_TITLE[title].fault
+    return simulate(Scenario(START, DAYS, AIR_STEP, 11, (fault,) if fault else ()), plant=AIR)
+
+
+def after(title: str) -> pd.DataFrame:
+    """From the onset on."""
+    return run(title).iloc[round(ONSET * DAY / AIR_STEP) :]
+
+
+def test_a_healthy_week_heats_cools_freely_and_cools_and_keeps_its_set_point():
+    month = simulate(Scenario(START, 28.0, AIR_STEP, 5), plant=AIR)
+    on = month[month["schedule.fan"] > 0]
+    steady = on[on.index.hour >= 8]
+    assert (steady["ahu.T_supply"] - 18.0).abs().median() < 0.5
+    for command in ("ahu.heat", "ahu.cool"):
+        assert (on[command] > 0.02).mean() > 0.02
+        assert (month[month["schedule.fan"] == 0][command] == 0).all()
+    assert (on["ahu.damper"] > 0.55).mean() > 0.2
+    lowest = on[["weather.T_out", "room.T_return"]].min(axis=1)
+    highest = on[["weather.T_out", "room.T_return"]].max(axis=1)
+    inside = (steady["ahu.T_mixed"] > lowest[steady.index] - 0.5) & (steady["ahu.T_mixed"] < highest[steady.index] + 0.5)
+    assert inside.mean() > 0.98
+
+
+def test_nothing_changes_before_the_onset():
+    rows = round(ONSET * DAY / AIR_STEP)
+    for case in CASES:
+        assert run(case.title)[:rows].equals(run("healthy")[:rows]), case.title
+
+
+def test_a_leak_warms_the_coil_while_the_fan_stands_and_costs_cold_water_while_it_runs():
+    leaking, healthy = after("heating valve leaks, 5 %"), after("healthy")
+    still = healthy["schedule.fan"] == 0
+    assert (leaking - healthy)[still]["ahu.T_mixed"].mean() > 0.5
+    assert (leaking - healthy)[~still]["ahu.cool"].mean() > 0.02
+
+
+def test_a_stuck_damper_lets_through_what_it_did_whatever_is_asked():
+    stuck, healthy = after("outdoor air damper stuck"), after("healthy")
+    night = (healthy["schedule.fan"] > 0) & (healthy["weather.T_out"] < healthy["room.T_return"] - 3)
+    share = (stuck["room.T_return"] - stuck["ahu.T_mixed"]) / (stuck["room.T_return"] - stuck["weather.T_out"])
+    usual = (healthy["room.T_return"] - healthy["ahu.T_mixed"]) / (healthy["room.T_return"] - healthy["weather.T_out"])
+    steady = night & (healthy.index.hour >= 9) & (healthy.index.hour < 19)
+    assert share[steady].std() < 0.6 * usual[steady].std()
+
+
+def test_a_fouled_coil_asks_for_more_cold_water():
+    fouled, healthy = after("cooling coil fouled, 30 %"), after("healthy")
+    cooling = healthy["ahu.cool"] > 0.05
+    assert cooling.sum() > 20
+    assert fouled[cooling]["ahu.cool"].mean() > 1.1 * healthy[cooling]["ahu.cool"].mean()
+
+
+@pytest.mark.parametrize("target", ["ahu", "ahu.n_cool", "control", "roof.leak_heat"])
+def test_a_leak_names_the_valves_it_can_be_at(target):
+    with pytest.raises(PlantError, match="ahu.leak_heat"):
+        simulate(Scenario(START, 0.1, AIR_STEP, 1, (PlantFault("leak", target, 0.0, 0.1),)), plant=AIR)
+
+
+def test_the_plant_measures_commands_and_not_what_obeys_them():
+    plant = air_plant()
+    assert plant.sensors["ahu.damper"].source == "control.damper"
+    assert plant.wires["ahu.damper"] == "damper.opening"
+
+
+@pytest.mark.parametrize("title", ["heating valve leaks, 2 %", "outdoor air damper stuck", "cooling coil fouled, 30 %"])
+def test_the_engine_alarms_the_air_handler_and_names_the_part(title):
+    case = BY_TITLE[title]
+    found = watch(case, 11, known(), DAYS)
+    assert found.before == 0
+    assert found.alarm is not None
+    assert found.alarm.component == "ahu"
+    assert found.delay < 1.5
+    assert found.named == case.cause, found.alarm.causes
+
+
+def test_the_engine_is_quiet_about_a_healthy_air_handler():
+    found = watch(BY_TITLE["healthy"], 11, known(), DAYS)
+    assert found.alarm is None
+    assert found.before == 0
+
+
+@pytest.mark.slow
+def test_faults_are_named_with_a_fitted_baseline_on_other_seeds():
+    baseline = learned(5)
+    for case in CASES:
+        for seed in (11, 12):
+            found = watch(case, seed, baseline)
+            assert found.before == 0
+            assert found.named == case.cause, (case.title, seed, found.alarm)
