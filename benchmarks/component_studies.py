@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import time
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,14 +14,11 @@ import numpy as np
 
 from fdd.greybox.fit import fit
 from fdd.greybox.likelihood import Data
-from fdd.greybox.results import FitResult
 from fdd.greybox.simulate import simulate as simulate_fit
 from fdd.models.declare import ComponentModel
 from fdd.models.registry import get_model
-from fdd.plant.district import POINTS, TRUTH, district_plant, models, outside
-from fdd.plant.faults import PlantFault
+from fdd.plant.district import district_plant, outside
 from fdd.plant.network import Network
-from fdd.plant.scenario import Scenario, simulate
 from fdd.plant.simulate import Simulator
 from fdd.records import FloatArray
 
@@ -160,54 +156,3 @@ def large_plant_seconds(days: float, plain: bool) -> tuple[float, int]:
     for block in simulator.run({k: v[20:] for k, v in signals.items()}):
         assert np.isfinite(block.measured).all()
     return (time.perf_counter() - begin) * 365.0 / days, len(plant.components)
-
-
-# Faults against parameters
-
-FAULTS = {
-    "fouling of the heat exchanger, 5 %": PlantFault("fouling", "hx", 0.0, 0.05),
-    "air in radiator south, 10 %": PlantFault("air", "radiator-south", 0.0, 0.1),
-    "sludge in radiator north, 20 %": PlantFault("sludge", "radiator-north", 0.0, 0.2),
-    "primary return sensor, 0.3 K": PlantFault("bias", "hx.T_hot_out", 0.0, 0.3),
-    "room sensor south, 0.3 K": PlantFault("bias", "building.T_south", 0.0, 0.3),
-    "flow meter secondary, 2 %": PlantFault("scaling", "hx.m_flow_cold", 0.0, 0.02),
-    "valve south leaks, 20 %": PlantFault("leak", "valve-south", 0.0, 0.2),
-    "valve north stuck": PlantFault("stuck", "valve-north", 0.0, 1.0),
-}
-
-
-def fault_matrix(quick: bool) -> dict[str, dict[str, float]]:
-    """Shift of every physical parameter's estimate under every fault, in standard errors of the difference."""
-    healthy = _fits(Scenario(days=14, seed=21), None)
-    chosen = dict(list(FAULTS.items())[:2]) if quick else FAULTS
-    matrix = {}
-    for name, fault in chosen.items():
-        faulty = _fits(Scenario(days=14, seed=22, faults=(fault,)), healthy)
-        matrix[name] = {
-            f"{c}.{s}": (faulty[c].params[s] - r.params[s]) / float(np.hypot(r.bse[s], faulty[c].bse[s]))
-            for c, r in healthy.items()
-            for s in r.params
-            if s in TRUTH[c] and not s.startswith("sigma") and np.isfinite(r.bse[s]) and np.isfinite(faulty[c].bse[s])
-        }
-    return matrix
-
-
-def _fits(scenario: Scenario, start: Mapping[str, FitResult] | None) -> dict[str, FitResult]:
-    frame = simulate(scenario)
-    found = {}
-    for name, model in models().items():
-        u, y = (frame[[POINTS[name][s] for s in model.symbols[t]]].to_numpy() for t in ("inputs", "outputs"))
-        rough = {s: v for s, v in TRUTH[name].items() if s in model.symbols["parameters"]}
-        record = Data(np.arange(len(frame)) * scenario.step, u, y, name=name)
-        found[name] = fit(model, record, start=start[name] if start else rough, errors="fisher")
-    return found
-
-
-def matrix_table(matrix: Mapping[str, Mapping[str, float]]) -> str:
-    """Markdown: faults down, parameters across, only shifts of at least four standard errors shown."""
-    columns = list(next(iter(matrix.values())))
-    lines = [f"| fault | {' | '.join(f'`{c}`' for c in columns)} |", f"|{'---|' * (len(columns) + 1)}"]
-    for fault, row in matrix.items():
-        cells = [f"{row[c]:+.0f}" if c in row and abs(row[c]) >= 4 else "." for c in columns]
-        lines.append(f"| {fault} | {' | '.join(cells)} |")
-    return "\n".join(lines)

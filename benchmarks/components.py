@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,10 +14,10 @@ from benchmarks import component_studies as studies
 from benchmarks.common import arguments, context, figure, report
 from benchmarks.component_balances import balances
 from benchmarks.component_cases import CASES, experiment, recover
+from benchmarks.fault_matrix import HOUSE, measured_house
 from fdd.models.document import stale
 
 QUICK_CASES = ("zone", "control_valve", "pipe_hydraulic", "radiator", "air_handler")
-MATRIX = Path(__file__).resolve().parents[1] / "docs" / "models" / "faults" / "matrix.md"
 Figures = dict[str, dict[str, Any]]
 
 
@@ -97,26 +96,13 @@ def plant(quick: bool, about: dict[str, Any]) -> Figures:
     begin = time.perf_counter()
     seconds, components = studies.large_plant_seconds(20.0 if quick else 365.0, plain=quick)
     about["large plant"] = {"components": components, "with compiling [s]": time.perf_counter() - begin}
-    matrix = studies.fault_matrix(quick)
-    if not quick:
-        MATRIX.parent.mkdir(parents=True, exist_ok=True)
-        head = (
-            "# Faults against parameters\n\nMeasured in simulation by `python -m benchmarks.components`: shift of each "
-            "estimate, in standard errors of the difference, between a healthy fortnight and one with the fault; a dot "
-            "where it is below four.\n\n"
-        )
-        MATRIX.write_text(head + studies.matrix_table(matrix) + "\n", encoding="utf-8")
-    about["fault matrix"] = matrix
-    fouling = {c: v for c, v in matrix["fouling of the heat exchanger, 5 %"].items() if not c.startswith("hx.")}
-    beside = max(abs(v) for v in fouling.values())
+    house = measured_house(dict(list(HOUSE.items())[:1]) if quick else HOUSE)
+    about["faults of the house"] = house
+    fouling = house["fouling of the heat exchanger, 5 %"]
+    beside = max(abs(v) for c, v in fouling.items() if not c.startswith("hx."))
     return {
         "50 components, a year at 10 min": figure(seconds, "s", "< 60", seconds < 60.0),
-        "5 % fouling, shift of hx.C": figure(
-            matrix["fouling of the heat exchanger, 5 %"]["hx.C"],
-            "standard errors",
-            "<= -10",
-            matrix["fouling of the heat exchanger, 5 %"]["hx.C"] <= -10,
-        ),
+        "5 % fouling, shift of hx.C": figure(fouling["hx.C"], "standard errors", "<= -10", fouling["hx.C"] <= -10),
         "5 % fouling, largest shift elsewhere": figure(beside, "standard errors", "< 4", beside < 4.0),
     }
 

@@ -3,7 +3,8 @@
 A signature says, for a fault of one size, how far each physical parameter seems to move (estimation scale), how far the
 mean of each standardised innovation shifts, and how far it jumps when the fault comes at once; each with its scatter
 over simulated plants. ``signatures.yaml`` holds what ``python -m benchmarks.diagnosis --write`` measured through the
-service's own engine, ``signatures-air_handler.yaml`` what ``python -m benchmarks.air_plant --write`` did. A fault that no plant was simulated with is told by the signs its model declares.
+service's own engine, ``signatures-air_handler.yaml`` what ``python -m benchmarks.air_plant --write`` did. A fault that
+no plant was simulated with is told by the signs its model declares.
 """
 
 from __future__ import annotations

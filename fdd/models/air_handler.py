@@ -203,7 +203,7 @@ FAULTS = (
     Fault(
         "outdoor air damper stuck or leaking",
         "the mixed air is not what the damper's position says",
-        {"d_mid": 1, "s_min": 1, "innovation:T_mixed": 1},
+        {"d_mid": 0, "s_min": 0, "innovation:T_mixed": 0},
         ("watch the damper through a full stroke", "check linkage and actuator"),
     ),
     Fault(

@@ -118,7 +118,7 @@ def _parameters(model: ComponentModel) -> Iterable[Sequence[str]]:
 
 def _faults(model: ComponentModel) -> Iterable[Sequence[str]]:
     for f in model.faults:
-        shows = ", ".join(f"`{s}` {'up' if sign > 0 else 'down'}" for s, sign in f.shows.items())
+        shows = ", ".join(f"`{s}` {('either way', 'up', 'down')[sign]}" for s, sign in f.shows.items())
         yield (f.name, f.meaning, shows, "; ".join(f.checks))
 
 

@@ -4,7 +4,7 @@
 
 The controller keeps the supply temperature by heating, free cooling and cooling in turn while the fan runs. The filter
 sees what a building's control system has: temperatures, the schedule and *commands*; whether a damper or a valve obeys
-is for the diagnosis to find out. The climate is a warm and restless one, so that a fortnight of spring has hours of each kind.
+is for the diagnosis to find out. The climate is a warm and restless one: a fortnight of spring has hours of each kind.
 """
 
 from __future__ import annotations
@@ -100,7 +100,12 @@ def air_plant() -> Network:
     plant.connect("damper.opening", "ahu.damper")
     plant.connect("control.cool", "ahu.cool")
     plant.connect("control.heat", "ahu.heat")
-    for port, noise in (("ahu.T_mixed", 0.05), ("ahu.T_supply", 0.05), ("weather.T_out", 0.05), ("room.T_return", 0.03)):
+    for port, noise in (
+        ("ahu.T_mixed", 0.05),
+        ("ahu.T_supply", 0.05),
+        ("weather.T_out", 0.05),
+        ("room.T_return", 0.03),
+    ):
         plant.sensor(port, noise=noise)
     plant.sensor("schedule.fan")
     for symbol in ("damper", "cool", "heat"):

@@ -123,4 +123,6 @@ def simulate(
     """
     parts = list(pieces(scenario, progress, plant))
     index = pd.DatetimeIndex(pd.to_datetime(np.concatenate([p.time for p in parts]), utc=True), name="time")
-    return pd.DataFrame(np.concatenate([p.values for p in parts]), index=index, columns=pd.Index(points(plant.network())))
+    return pd.DataFrame(
+        np.concatenate([p.values for p in parts]), index=index, columns=pd.Index(points(plant.network()))
+    )
