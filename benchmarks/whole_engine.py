@@ -210,16 +210,23 @@ def batches(fleet: Fleet, start: int) -> Iterator[Batch]:
         )
 
 
-def watch(fleet: Fleet, engine: Engine, *, clear: bool = True) -> list[Alarm]:
-    """Every alarm when it was first seen; cleared then, so that its charts begin again."""
-    seen: dict[str, Alarm] = {}
+def watching(fleet: Fleet, engine: Engine, *, clear: bool = True) -> Iterator[tuple[int, list[Alarm]]]:
+    """Frames watched so far and the alarms first seen since the last step; alarms are cleared as soon as they are."""
+    seen: set[str] = set()
+    frames = 0
     for batch in batches(fleet, fleet.learning):
-        for alarm in engine.step(batch).alarms:
-            if alarm.key not in seen or not clear:
-                seen[alarm.key] = alarm
+        said = engine.step(batch)
+        new = {a.key: a for a in said.alarms if a.key not in seen}
+        seen |= set(new)
         for alarm in engine.alarms.open if clear else ():
             engine.command(Command(alarm.key, "clear", "benchmark", 0))
-    return list(seen.values())
+        frames += said.frames
+        yield frames, list(new.values())
+
+
+def watch(fleet: Fleet, engine: Engine, *, clear: bool = True) -> list[Alarm]:
+    """Every alarm of the whole run as it was first seen."""
+    return [alarm for _, new in watching(fleet, engine, clear=clear) for alarm in new]
 
 
 def promises(fleet: Fleet) -> dict[str, float]:
@@ -234,7 +241,7 @@ def promises(fleet: Fleet) -> dict[str, float]:
 
 
 def counts(fleet: Fleet, sets: Sequence[str], budget: dict[str, float], alarms: Sequence[Alarm]) -> dict[str, Count]:
-    """Alarms and promises of every set by kind of chart."""
+    """Alarms and promises of every set by kind of chart over the whole run."""
     years = fleet.plants * fleet.watched()
     found = {}
     for which in sets:
