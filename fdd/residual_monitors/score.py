@@ -56,8 +56,9 @@ class Score(Chart):
     covariance : shape (n_c, n_p, n_p), of the baseline's parameters on the estimation scale; k is widened so that the
         rate, averaged over their errors, is the promised one. None: the baseline is known.
     enough : blocks; directions of the parameters that the baseline knows worse than from so many blocks of present data
-        go on being learned (:mod:`fdd.residual_monitors.offset`), and departures from what is foreseen are charted.
-        0: nothing is learned.
+        go on being learned (:mod:`fdd.residual_monitors.offset`), and departures from what is foreseen are charted;
+        while such a direction moves a parameter's score by more than it will in the end, its chart says that it is
+        learning (an alarm is an alarm all the same). 0: nothing is learned.
     learn : blocks over which the standard deviation of z is learned (at least 1 is taken), for innovations that are not
         white; 0 for filters that pass the whiteness checks
 
@@ -72,10 +73,11 @@ class Score(Chart):
 
     kind = "score"
     feed = Feed.SCORES
-    schema = 2
+    schema = 3
     _state = (
         "count", "elapsed", "score", "information", "upper", "lower", "upper_age", "lower_age", "shown",
         "past_score", "past_information", "past_elapsed", "written", "offset", "covariance",
+        "open",
     )  # fmt: skip
 
     def __init__(
@@ -118,6 +120,7 @@ class Score(Chart):
         self.past_information = np.zeros((n, history, p, p))
         self.past_elapsed = np.zeros((n, history), dtype=np.int64)
         self.written = np.zeros(n, dtype=np.int64)
+        self.open = self._uncertain(np.ones(n, dtype=np.bool_))
 
     @classmethod
     def design(
@@ -180,6 +183,7 @@ class Score(Chart):
             self.lower, self.upper_age, self.lower_age, self.shown, self.seen, self.spread, self.latched, self.side,
             self.onset,
         )  # fmt: skip
+        phase[(phase == QUIET) & (self.open == 1)] = LEARNING
         return Verdicts(phase, statistic, self.limit, direction, age)
 
     def _held(self, rows: IntArray) -> NDArray[np.bool_]:
@@ -197,6 +201,8 @@ class Score(Chart):
         z = found.isolated if self.isolated else found.single / found.single_error
         z = z / np.sqrt(1.0 + part.learned / np.square(spread))
         streams = (rows[:, None] * self.parameters + np.arange(self.parameters)).ravel()
+        wide = (part.learned * self.enough > np.square(spread)).ravel()
+        self.open[streams] = np.where(np.repeat(held, self.parameters), self.open[streams], wide)
         standing = self._isolated(rows, found) if self.isolated else part.standing
         variance = (standing / (np.square(spread) + part.learned)).ravel()
         allowance = self._uncertainty.extra(variance, streams).reshape(z.shape)
@@ -223,6 +229,14 @@ class Score(Chart):
         """These components start from a new baseline with this covariance (n_c, n_p, n_p); nothing is learned yet."""
         self.offset[rows] = 0.0
         self.covariance[rows] = covariance[rows]
+        which = np.repeat(rows, self.parameters)
+        self.open[which] = self._uncertain(rows)
+
+    def _uncertain(self, rows: NDArray[np.bool_]) -> NDArray[np.int8]:
+        """Parameters of these components that may have to be learned; their first block says which do."""
+        return np.asarray(
+            (np.diagonal(self.covariance[rows], axis1=1, axis2=2) > 0).ravel() & (self.enough > 0), dtype=np.int8
+        )
 
     def estimate(self, component: int, updates: int, covariance: FloatArray | None = None) -> Change:
         """Changes of a component's parameters over its last ``updates`` (an alarm's ``onset_age``).

@@ -127,7 +127,7 @@ def test_long_run_spread_keeps_the_rate_when_innovations_are_not_white() -> None
             said = chart.update_scores(e[:, None], np.ones((n, 1, 1)))
             rang = said.phase == Phase.ALARM
             exposed += np.count_nonzero(said.phase != Phase.LEARNING)
-            alarms += np.count_nonzero(rang)
+            alarms += int(np.count_nonzero(rang))
             if rang.any():
                 chart.reset(rang)
         rates[learn] = alarms / exposed * 5000
@@ -146,7 +146,7 @@ def test_limits_widened_for_the_baseline_keep_the_rate() -> None:
         for _ in range(10_000):
             e = rng.standard_normal(n) + error
             rang = chart.update_scores(e[:, None], np.ones((n, 1, 1))).phase == Phase.ALARM
-            alarms += np.count_nonzero(rang)
+            alarms += int(np.count_nonzero(rang))
             if rang.any():
                 chart.reset(rang)
         rates[known] = alarms / (n * 10_000) * 5000
@@ -230,7 +230,7 @@ def test_spread_that_the_baseline_missed_is_learned_while_quiet() -> None:
     rang = [np.mean(watch(chart, scores) >= 0) for chart in (learning, given)]
     assert rang[0] < 0.5 * rang[1]
     quiet = learning.latched == 0
-    found = np.array([learning.spread_of(c)[0] for c in np.flatnonzero(quiet)])
+    found = np.array([learning.spread_of(c)[0] for c in np.flatnonzero(quiet).tolist()])
     # 84 blocks of the baseline say 1, up to 112 of the present say 1.4
     assert 1.15 < np.median(found) < np.sqrt((84 + 112 * 1.96) / 196)
 
@@ -255,3 +255,19 @@ def test_new_baseline_of_one_component_leaves_what_others_learned() -> None:
     assert learned > 1.3
     np.testing.assert_array_equal(chart.spread_of(1), learned)
     np.testing.assert_array_equal(chart.spread_of(0), [1.0])
+
+
+def test_phase_is_learning_until_a_direction_is_known_as_from_enough_blocks() -> None:
+    """Variance 1/100 at an information of 100 a block is what one block would tell; 112 are wanted."""
+    covariance = np.array([[[0.01, 0.0], [0.0, 0.0]]])
+    chart = Score(np.full((1, 2), 50.0), block=1, covariance=covariance, enough=112.0)
+    information = np.array([[[100.0, 0.0], [0.0, 100.0]]])
+    rng = default_rng(9)
+    phase = np.array([chart.update_scores(10.0 * rng.standard_normal((1, 2)), information).phase for _ in range(130)])
+    known = np.argmax(phase[:, 0] == Phase.QUIET)
+    assert known == pytest.approx(112, abs=2)
+    assert np.all(phase[:known, 0] == Phase.LEARNING)
+    assert np.all(phase[known:, 0] == Phase.QUIET)
+    assert np.all(phase[:, 1] == Phase.QUIET)
+    chart.depart(np.ones(1, dtype=bool), covariance)
+    assert chart.update_scores(np.zeros((1, 2)), information).phase[0] == Phase.LEARNING
