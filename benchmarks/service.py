@@ -26,6 +26,7 @@ from fdd.store.store import Store, StoreConfig, open_store
 
 COMPONENTS, POINTS_A_SECOND = 2_000, 10_000
 LATENCY_MS, DRAIN_SECONDS, GROWTH_MB = 250.0, 2.0, 50.0
+TOGETHER = 10  # rooms in an engine
 Maker = Callable[[int], tuple[Store, Callable[[], int]]]
 
 
@@ -117,7 +118,7 @@ def load_figures(found: dict[str, Any]) -> dict[str, Any]:
 
 
 def plant_years(quick: bool) -> dict[str, list[dict[str, Any]]]:
-    """Seasons, growing faults and steps, each run with its own weather."""
+    """Seasons, growing faults and steps, each run with its own weather; rooms of a kind share an engine."""
     if quick:
         kinds = {
             "season": [Case(Course(70, season=0.03), 0)],
@@ -130,15 +131,16 @@ def plant_years(quick: bool) -> dict[str, list[dict[str, Any]]]:
             "growth": [Case(Course(240, growth=0.10, onset=70), 100 + s) for s in range(40)],
             "step": [Case(Course(120, step=0.15, onset=60), 200 + s) for s in range(40)],
         }
-    cases = [(kind, case) for kind, many in kinds.items() for case in many]
+    groups = [(kind, many[i : i + TOGETHER]) for kind, many in kinds.items() for i in range(0, len(many), TOGETHER)]
     found: dict[str, list[dict[str, Any]]] = {kind: [] for kind in kinds}
 
-    def done(i: int, result: dict[str, Any] | Failure) -> None:
+    def done(i: int, result: list[dict[str, Any]] | Failure) -> None:
+        kind, cases = groups[i]
         if isinstance(result, Failure):
-            raise RuntimeError(f"{cases[i]}: {result.reason}")
-        found[cases[i][0]].append(result)
+            raise RuntimeError(f"{kind}, {cases}: {result.reason}")
+        found[kind] += result
 
-    side_by_side(live, [case for _, case in cases], done)
+    side_by_side(live, [cases for _, cases in groups], done)
     return found
 
 

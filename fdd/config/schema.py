@@ -141,6 +141,12 @@ class Reidentify(Strict):
     every: Duration = Field(default=86400.0, description="how often, in whole days")
     at: str = Field(default="02:30", description="time of the day, in the site's zone")
     window: Duration = Field(default=28 * 86400.0, description="how far back the history reaches")
+    slack: float = Field(
+        default=0.02,
+        ge=0,
+        le=0.2,
+        description="relative change of a parameter that is left to the next baseline to follow: no chart rings for it",
+    )
     approval: bool = Field(default=False, description="a person approves each new baseline: fdd baselines --approve")
 
     @field_validator("every")

@@ -107,6 +107,7 @@ class Score(Chart):
                 f"score chart: covariance has shape {self.covariance.shape}; give {(n, p, p)}, one a component"
             )
         self.enough, self.offset = float(enough), np.zeros((n, p))
+        self.slack = np.zeros((n, p))
         self._uncertainty = Uncertainty(self.limit, self.k)
         self._most = np.full(self.n, self.learn, dtype=np.int64)
         self.count = np.zeros(n, dtype=np.int64)
@@ -206,6 +207,7 @@ class Score(Chart):
         standing = self._isolated(rows, found) if self.isolated else part.standing
         variance = (standing / (np.square(spread) + part.learned)).ravel()
         allowance = self._uncertainty.extra(variance, streams).reshape(z.shape)
+        allowance = allowance + self._slackened(rows, found) / np.sqrt(np.square(spread) + part.learned)
         slot = self.written[rows] % self.history
         self.past_score[rows, slot] = self.score[rows]
         self.past_information[rows, slot] = self.information[rows]
@@ -219,6 +221,23 @@ class Score(Chart):
         """Variance that the baseline's error gives to the means of projected scores."""
         own = np.diagonal(self.covariance[rows], axis1=1, axis2=2)
         return np.asarray(np.nan_to_num(own * np.square(found.isolated / found.joint)))
+
+    def _slackened(self, rows: IntArray, found: Change) -> FloatArray:
+        """How far changes inside the slack move the means of standardised scores (r, n_p), all of them at once."""
+        own = self.slack[rows]
+        if self.isolated:
+            return np.asarray(np.nan_to_num(own / found.joint_error))
+        diagonal = np.diagonal(self.information[rows], axis1=1, axis2=2)
+        moved = np.sqrt(np.square(self.information[rows] * own[:, None, :]).sum(axis=2))
+        return np.asarray(moved / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)))
+
+    def tolerate(self, slack: ArrayLike) -> None:
+        """Changes of the parameters, scalar or (n_c, n_p) on the estimation scale, for which no chart rings.
+
+        For what is harmless however well it is seen, such as seasons that a new baseline will follow. The promised rate
+        is kept for any change inside; without one, charts are quieter than promised.
+        """
+        self.slack = np.array(np.broadcast_to(np.asarray(slack, dtype=np.float64), self.offset.shape))
 
     def moved(self, rows: IntArray, by: FloatArray) -> None:
         """The baselines of these components were moved by ``by`` (r, n_p) while no block was begun."""

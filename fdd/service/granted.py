@@ -32,9 +32,15 @@ def granted(group: FilterGroup, baseline: Baseline) -> FloatArray:
         table = baseline.diagnostics.get("score_spread", {})
         spread = np.array([max(1.0, table.get(p.symbol, 1.0)) for p in parameters])
         own = own * spread[:, None] * spread
-    slopes = np.array([_relative_slope(p, baseline.parameters[p.symbol]) for p in parameters])
+    slopes = relative_slopes(group, baseline)
     given = np.diagonal(own) <= 0
     return np.asarray(own + np.diag(np.where(given, np.square(MODEL_ERROR * slopes), 0.0)))
+
+
+def relative_slopes(group: FilterGroup, baseline: Baseline) -> FloatArray:
+    """What small relative changes of the physical parameters are on the estimation scale."""
+    parameters = [group.model.parameters[i] for i in physical(group)]
+    return np.array([_relative_slope(p, baseline.parameters[p.symbol]) for p in parameters])
 
 
 def _relative_slope(parameter: Parameter, value: float) -> float:

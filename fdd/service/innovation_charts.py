@@ -12,14 +12,14 @@ from fdd.residual_monitors.cusum import Cusum
 from fdd.residual_monitors.predictive import Uncertainty
 from fdd.service.chart_family import BoolArray, FamilyKind, Stream
 from fdd.service.filters import FilterGroup, GroupStep
-from fdd.service.granted import physical
+from fdd.service.granted import physical, relative_slopes
 from fdd.service.plan import Component, Plan
 
 
 class InnovationCharts:
     """Two-sided CUSUM on every output's standardised innovation."""
 
-    def __init__(self, groups: Sequence[FilterGroup], arl: dict[str, float]) -> None:
+    def __init__(self, groups: Sequence[FilterGroup], arl: dict[str, float], slack: float = 0.0) -> None:
         self.streams = tuple(
             Stream(f"{c.name}/{q.symbol}:cusum", c.name, q.symbol, point)
             for g in groups
@@ -31,15 +31,26 @@ class InnovationCharts:
         self._carried = np.flatnonzero(np.array(carried, dtype=np.bool_))
         self._chart = Cusum.design([arl[s.component] for s in self.streams])
         self._groups, self._physical = tuple(groups), [physical(g) for g in groups]
+        self._slack = slack
         self._uncertainty = Uncertainty(self._chart.limit, self._chart.k)
 
     def update(self, steps: Sequence[GroupStep]) -> Verdicts:
-        """Feed the standardised innovations; the reference widens with what the baselines' errors may move them by."""
-        moved = [self._moved(i, step) for i, step in enumerate(steps)]
-        self._chart.forgive(self._uncertainty.extra(np.concatenate([np.empty(0), *moved])[self._carried]))
+        """Feed the standardised innovations; the reference widens with what baselines may be off by without a fault."""
+        errors = [self._moved(i, step, self._groups[i].error) for i, step in enumerate(steps)]
+        forgiven = self._uncertainty.extra(np.concatenate([np.empty(0), *errors])[self._carried])
+        if self._slack:
+            apart = [self._moved(i, step, self._slackened(i)) for i, step in enumerate(steps)]
+            forgiven = forgiven + np.sqrt(np.concatenate([np.empty(0), *apart])[self._carried])
+        self._chart.forgive(forgiven)
         return self._chart.update(
             np.concatenate([np.empty(0), *(s.standardised.ravel() for s in steps)])[self._carried]
         )
+
+    def _slackened(self, index: int) -> FloatArray:
+        """The squares of the changes for which no chart rings, as diagonal matrices (n, p, p)."""
+        group = self._groups[index]
+        slack = self._slack * np.stack([relative_slopes(group, b) for b in group.baselines])
+        return np.asarray(np.square(slack)[:, :, None] * np.eye(slack.shape[1]))
 
     def rebase(self, components: set[str]) -> BoolArray:
         """Go on: a misprediction is one under any baseline, and where the new one predicts better sums fall again.
@@ -48,14 +59,14 @@ class InnovationCharts:
         """
         return np.zeros(len(self.streams), dtype=np.bool_)
 
-    def _moved(self, index: int, step: GroupStep) -> FloatArray:
-        """Variance that the baseline's error gives the means of a group's innovations, a value an output.
+    def _moved(self, index: int, step: GroupStep, covariance: FloatArray) -> FloatArray:
+        """Variance that such changes of the baseline give the means of a group's innovations, a value an output.
 
         Of a component with several outputs that of all together: which of them it moves is not known here.
         """
         at = self._physical[index]
         information = np.nan_to_num(step.information[:, at[:, None], at])
-        variance = np.einsum("njk,njk->n", information, self._groups[index].error)
+        variance = np.einsum("njk,njk->n", information, covariance)
         return np.repeat(np.maximum(variance, 0.0), step.standardised.shape[1])
 
     def reset(self, which: BoolArray) -> None:
@@ -80,7 +91,7 @@ def _carried(group: FilterGroup, component: Component) -> int:
 
 
 def _build(plan: Plan, groups: Sequence[FilterGroup], arl: dict[str, float]) -> list[InnovationCharts]:
-    return [InnovationCharts(groups, arl)]
+    return [InnovationCharts(groups, arl, plan.slack)]
 
 
 INNOVATIONS = FamilyKind(_carried, _build)

@@ -83,6 +83,7 @@ class Plan:
     chillers: tuple[Chiller, ...] = ()
     tariffs: Mapping[str, float | str | None] = field(default_factory=dict)
     learning: int = 28 * 86400 * NANOSECONDS
+    slack: float = 0.0
     budget: float | None = None
 
     @property
@@ -143,6 +144,7 @@ def plan_of(site: Site) -> Plan:
         lateness=_nanoseconds(site.lateness),
         max_gap=_nanoseconds(site.max_gap),
         learning=_nanoseconds(site.learning),
+        slack=site.reidentify.slack if site.reidentify else 0.0,
         max_jump=_nanoseconds(site.max_jump),
         hold=_nanoseconds(site.hold),
         false_alarms_per_year=site.false_alarms_per_year * (1 - chillers_share(site)),

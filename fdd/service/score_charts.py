@@ -11,7 +11,7 @@ from fdd.residual_monitors.chart import Verdicts
 from fdd.residual_monitors.score import KNOWN, Score
 from fdd.service.chart_family import BoolArray, FamilyKind, Stream
 from fdd.service.filters import FilterGroup, GroupStep
-from fdd.service.granted import granted, physical
+from fdd.service.granted import granted, physical, relative_slopes
 from fdd.service.plan import Component, Plan
 
 # An innovation of so many standard deviations is a broken signal and says nothing of a parameter.
@@ -47,6 +47,7 @@ class ScoreCharts:
             block=max(1, SCORE_BLOCK // plan.step),
             enough=plan.learning / SCORE_BLOCK,
         )
+        self._slack = plan.slack
         self._inform(np.ones(len(group.components), dtype=np.bool_))
 
     def _inform(self, rows: BoolArray) -> None:
@@ -63,6 +64,7 @@ class ScoreCharts:
         error = np.stack([granted(self._group, b) for b in baselines])
         self._chart.depart(rows, error * self._told[:, :, None] * self._told[:, None, :])
         self._group.error = self._chart.covariance
+        self._chart.tolerate(self._slack * np.stack([relative_slopes(self._group, b) for b in baselines]) * self._told)
         spreads = [b.diagnostics.get("score_spread", {}) for b in baselines]
         blocks = [b.diagnostics.get("score_blocks", KNOWN) for b in baselines]
         self._chart.presume(rows, [[spread.get(s, 1.0) for s in self._symbols] for spread in spreads], blocks)

@@ -14,6 +14,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks.drifting_room import START, Course, plan, simulate
+from benchmarks.plant_years import Case, live
 from fdd.diagnosis.gates import Outcome, Policy
 from fdd.records import Baseline
 from fdd.service.baselines import accept, approve, chain, in_force, propose, roll_back, versions
@@ -182,3 +183,15 @@ def test_a_task_that_fails_or_dies_takes_no_other_with_it() -> None:
     assert results[3] == Failure("ValueError: three")
     assert isinstance(results[2], Failure)
     assert "died" in results[2].reason
+
+
+@pytest.mark.slow
+def test_a_season_is_followed_without_an_alarm_and_a_growing_fault_is_alarmed_and_not_learned() -> None:
+    season, growing = Case(Course(126, season=0.03), 5), Case(Course(126, growth=0.10, onset=70), 6)
+    followed, faulty = live([season, growing])
+    assert followed["accepted"] > 0
+    assert followed["false_alarms"] == 0
+    assert abs(followed["error"]) < 0.02  # the year's season has moved by 2.6 % since the first baseline
+    assert faulty["alarmed"]
+    assert not faulty["learned"]
+    assert faulty["false_alarms"] == 0
