@@ -23,9 +23,9 @@ from fdd.report.words import DAY, HOUR, local, scale, split_chart
 
 BLUE, ORANGE, RED, GREY, INK = "#0072b2", "#e69f00", "#b3400a", "#8a949e", "#1f2a36"
 BAND = "#cfe3f1"
-WIDE, HALF, TALL = (7.2, 2.4), (3.5, 1.65), (3.5, 2.0)
-"""Sizes [inch]: full width, half width, half width with two pictures above each other."""
-BINS = 420
+HALF, TALL = (3.5, 1.65), (3.5, 2.0)
+"""Sizes [inch]: half a page wide, readable on a telephone as well; with two pictures above each other."""
+BINS = 210
 """Most points drawn of one line; more are averaged."""
 
 STYLE: dict[str, Any] = {
@@ -56,12 +56,11 @@ STYLE: dict[str, Any] = {
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """A picture as a data address, what it shows, and whether it takes the full width."""
+    """A picture as a data address, and what it shows."""
 
     source: str
     title: str
     caption: str
-    wide: bool = False
 
 
 def plots(finding: Finding, site: SiteInfo, start: int, end: int) -> list[Plot]:
@@ -77,7 +76,7 @@ def plots(finding: Finding, site: SiteInfo, start: int, end: int) -> list[Plot]:
     rang = [s for s in symbols if s in finding.evidence.outputs] or list(finding.evidence.outputs)
     near = (finding.since - 2 * DAY, min(end, max(finding.raised + 2 * DAY, finding.since + 3 * DAY)))
     shown = [finding.evidence.outputs[s].between(*near) for s in rang[:2]]
-    made: list[Plot | None] = [_measured(finding, trace, site, wide=len(shown) == 1) for trace in shown]
+    made: list[Plot | None] = [_measured(finding, trace, site) for trace in shown]
     for signal in finding.signals[:2]:
         if signal.name in finding.evidence.charts:
             made.append(_chart(finding, finding.evidence.charts[signal.name].between(*near), signal.words, site))
@@ -107,7 +106,7 @@ def _draw(name: str, size: tuple[float, float], rows: int, paint: Callable[[list
         figure = Figure(figsize=size, layout="constrained")
         axes = list(np.atleast_1d(figure.subplots(rows, 1, sharex=True)))
         paint(axes)
-        locator = mdates.AutoDateLocator(minticks=3, maxticks=8 if size[0] > 5 else 5, tz=tz)  # type: ignore[no-untyped-call]
+        locator = mdates.AutoDateLocator(minticks=3, maxticks=5, tz=tz)  # type: ignore[no-untyped-call]
         axes[-1].xaxis.set_major_locator(locator)
         axes[-1].xaxis.set_major_formatter(_formatter(locator, tz))
         buffer = io.BytesIO()
@@ -190,9 +189,9 @@ def _gaps(time: IntArray, *values: FloatArray) -> tuple[FloatArray, ...]:
     return (np.insert(_dates(time), breaks, np.nan), *(np.insert(v, breaks, np.nan) for v in values))
 
 
-def _measured(finding: Finding, trace: Trace, site: SiteInfo, *, wide: bool) -> Plot | None:
+def _measured(finding: Finding, trace: Trace, site: SiteInfo) -> Plot | None:
     output = finding.info.outputs.get(trace.symbol)
-    b = _binned(trace, BINS if wide else BINS // 2)
+    b = _binned(trace)
     if output is None or len(b.time) < 2:
         return None
     largest = float(np.nanmax(np.abs(b.measured))) if np.isfinite(b.measured).any() else 1.0
@@ -204,9 +203,7 @@ def _measured(finding: Finding, trace: Trace, site: SiteInfo, *, wide: bool) -> 
 
     def paint(axes: list[Axes]) -> None:
         top, bottom = axes
-        top.fill_between(
-            time, predicted - half, predicted + half, color=BAND, linewidth=0, label="95 % band" if wide else "band"
-        )
+        top.fill_between(time, predicted - half, predicted + half, color=BAND, linewidth=0, label="band")
         top.plot(time, predicted, color=BLUE, linewidth=1.0, label="expected")
         top.plot(time, measured, color=INK, linewidth=0.9, label="measured")
         top.set_ylabel(f"reading [{unit or '1'}]")
@@ -221,11 +218,10 @@ def _measured(finding: Finding, trace: Trace, site: SiteInfo, *, wide: bool) -> 
 
     means = _width(b.width)
     return Plot(
-        _draw(f"{finding.key}/{trace.symbol}/measured", WIDE if wide else TALL, 2, paint, site.tz),
+        _draw(f"{finding.key}/{trace.symbol}/measured", TALL, 2, paint, site.tz),
         _title(output.meaning),
         f"Measured, and expected one step ahead{means}. While healthy, 95 of 100 values lie inside the band. "
         "Below: their difference.",
-        wide=wide,
     )
 
 
@@ -244,7 +240,7 @@ def _title(text: str) -> str:
 def _chart(finding: Finding, trace: ChartTrace, words: str, site: SiteInfo) -> Plot | None:
     if len(trace.time) < 2:
         return None
-    keep = slice(None, None, max(1, len(trace.time) // (2 * BINS)))
+    keep = slice(None, None, max(1, len(trace.time) // (4 * BINS)))
     when, statistic, limit = _gaps(trace.time[keep], trace.statistic[keep], trace.limit[keep])
 
     def paint(axes: list[Axes]) -> None:

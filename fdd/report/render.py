@@ -97,7 +97,7 @@ def write_pages(report: Report, folder: Path) -> list[Path]:
 
 
 def _figures(report: Report) -> dict[str, list[list[Plot]]]:
-    """The evidence of each finding in rows: a wide picture alone, others in pairs."""
+    """The evidence of each finding in rows of two pictures."""
     if report.start is None or report.end is None:
         return {}
     illustrated = report.findings[:MOST_ILLUSTRATED]
@@ -106,9 +106,7 @@ def _figures(report: Report) -> dict[str, list[list[Plot]]]:
 
 
 def _rows(pictures: list[Plot]) -> list[list[Plot]]:
-    wide = [[p] for p in pictures if p.wide]
-    halves = [p for p in pictures if not p.wide]
-    return wide + [halves[i : i + 2] for i in range(0, len(halves), 2)]
+    return [pictures[i : i + 2] for i in range(0, len(pictures), 2)]
 
 
 def _alike(report: Report) -> dict[tuple[str, str, str], list[str]]:
