@@ -267,3 +267,22 @@ def test_chart_is_documented(kind: str) -> None:
     assert "Parameters" in text
     assert "``" in text  # names its siblings
     assert f"`{kind}`" in (ROOT / "docs" / "charts.md").read_text(), f"docs/charts.md does not speak of {kind}"
+
+
+@every_chart
+def test_machine_that_is_off_most_of_the_day_is_judged_while_it_is_on(kind: str) -> None:
+    """Eight hours on, sixteen off: no alarm for nothing, no data while off, and a fault is still found."""
+    rng, units = default_rng(20), 3
+    chart = build(kind, units, 1e7)
+    on = np.arange(12 * 288) % 288 < 96
+    values = draw(rng, kind, len(on), units)
+    values[~on] = np.nan
+    phase = run(chart, values)[:, 0]
+    assert not np.any(phase == Phase.ALARM)
+    assert np.all(phase[~on] == Phase.NO_DATA)
+    broken = fault(rng, kind, len(on), units)
+    broken[~on] = np.nan
+    said = run(chart, broken)
+    assert np.all(said[-1, 0] == Phase.ALARM)
+    first = np.argmax(said[:, 0] == Phase.ALARM, axis=0)
+    assert np.all(on[first])
