@@ -15,6 +15,7 @@ from scipy.signal import max_len_seq
 
 from fdd.greybox.fit import Progress
 from fdd.greybox.likelihood import Data, Likelihood
+from fdd.greybox.results import invert
 from fdd.greybox.simulate import realise
 from fdd.models.declare import ComponentModel
 
@@ -88,7 +89,8 @@ class Design:
     """An experiment: time (N,), inputs (N, n_u) in the model's order, and what it is good for.
 
     ``score`` is the log determinant of the Fisher information of the identifiable physical parameters on the transform
-    scale; ``errors`` the standard errors that it promises, by symbol, transform scale (relative for log).
+    scale; ``errors`` the standard errors that it promises, by symbol, transform scale (relative for log), infinite for
+    what it does not show.
     """
 
     t: FloatArray
@@ -126,7 +128,7 @@ class Design:
         axes = figure.subplots(len(self.moved), 1, squeeze=False, sharex=True)[:, 0]
         for a, s in zip(axes, self.moved, strict=True):
             a.step(self.t / 3600, self.u[:, self.symbols.index(s)], where="post")
-            a.set_ylabel(s)
+            a.set_ylabel(f"{s} [{self.about['units'][s]}]" if "units" in self.about else s)
         axes[-1].set_xlabel("time [h]")
         return figure
 
@@ -179,6 +181,7 @@ def candidates(
     for s in signals:
         if s.symbol not in names:
             raise DesignError(f"{model.name} has no input {s.symbol!r}; known: {', '.join(names)}")
+    units = {q.symbol: q.unit for q in model.inputs}
     out: list[Design] = []
     worst = math.inf
     for _ in range(40 * count):
@@ -186,7 +189,7 @@ def candidates(
         for s in signals:
             slow = Signal(s.symbol, s.levels, s.dwell * factors[s.symbol], s.largest_step)
             u[:, names.index(s.symbol)] = sequence(slow, t, int(random.integers(0, 1 << 16)))
-        design = Design(t, u, names, tuple(s.symbol for s in signals), about={"dwell factors": factors})
+        design = Design(t, u, names, tuple(s.symbol for s in signals), about={"dwell factors": factors, "units": units})
         if any(np.ptp(u[:, names.index(s.symbol)]) == 0 for s in signals):
             continue
         correlation = design.correlation()
@@ -219,16 +222,21 @@ def d_optimal(
     physical = [k for k, q in enumerate(model.parameters) if q.kind == "physical"]
     names = [model.parameters[k].symbol for k in physical]
     first = [(outputs or {}).get(q.symbol, 20.0 if q.unit == "degC" else 0.0) for q in model.outputs]
-    scored = []
+    found = []
     for i, d in enumerate(designs):
         record = Data(d.t, d.u, np.tile(first, (len(d.t), 1)), name="design")
         measured = realise(model, values, record, seed)
         information = Likelihood(model, measured).evaluate(values).information[np.ix_(physical, physical)]
-        sign, score = np.linalg.slogdet(information)
-        covariance = np.linalg.pinv(information)
-        errors = {n: math.sqrt(max(float(v), 0.0)) for n, v in zip(names, np.diag(covariance), strict=True)}
-        score = float(score) if sign > 0 else -math.inf
-        scored.append(Design(d.t, d.u, d.symbols, d.moved, score, errors, d.about))
+        covariance, lost = invert(information, np.zeros(len(names), dtype=np.bool_), names)
+        found.append((information, covariance, lost))
         if progress is not None:
-            progress(i + 1, len(designs), max(s.score for s in scored))
+            progress(i + 1, len(designs), math.nan)
+    # Only what some design shows can be compared.
+    seen = [k for k, name in enumerate(names) if any(name not in lost for _, _, lost in found)]
+    scored = []
+    for d, (information, covariance, lost) in zip(designs, found, strict=True):
+        sign, score = np.linalg.slogdet(information[np.ix_(seen, seen)])
+        errors = {n: math.inf if n in lost else math.sqrt(covariance[k, k]) for k, n in enumerate(names)}
+        score = float(score) if sign > 0 and seen else -math.inf
+        scored.append(Design(d.t, d.u, d.symbols, d.moved, score, errors, d.about))
     return sorted(scored, key=lambda d: -d.score)

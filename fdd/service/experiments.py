@@ -31,7 +31,8 @@ class Proposal:
         """For people: what it promises."""
         lines = [f"{self.component.name}: largest cross-correlation of moved inputs {self.design.correlation():.2f}"]
         for symbol, error in sorted(self.design.errors.items(), key=lambda item: item[1]):
-            lines.append(f"  {symbol}: standard error promised {100 * error:.2g} %")
+            promise = f"standard error promised {100 * error:.2g} %" if error < 1 else "not seen by this experiment"
+            lines.append(f"  {symbol}: {promise}")
         return "\n".join([*lines, f"schedule: {self.csv}", f"plot: {self.plot}"])
 
 

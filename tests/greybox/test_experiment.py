@@ -94,3 +94,14 @@ def test_cross_correlation_is_the_definition() -> None:
 def test_impossible_designs_are_refused(make: object, message: str) -> None:
     with pytest.raises(DesignError, match=message):
         make()  # type: ignore[operator]
+
+
+def test_what_an_experiment_cannot_show_is_left_out_of_its_score() -> None:
+    """Window area without sun: no design shows it; the others are compared on what they show."""
+    m = problems.flexhouse("TiTe")
+    t = np.arange(0, 48.0, 5 / 60)
+    base = np.tile([5.0, 0.0, 0.0], (len(t), 1))
+    scored = d_optimal(m, candidates(m, [Signal("Ph", (0.0, 5.0), 0.5)], base, t, count=3), outputs={"yTi": 20.0})
+    assert all(d.errors["Aw"] == np.inf for d in scored)
+    assert all(np.isfinite(d.score) and d.errors["Ci"] < 0.2 for d in scored)
+    assert scored[0].plot().axes[0].get_ylabel() == "Ph [1]"

@@ -11,6 +11,7 @@ from fdd.greybox.plots import html
 from fdd.greybox.results import FitResult
 from fdd.greybox.simulate import realise
 from fdd.greybox.validate import (
+    Verdict,
     autocorrelation,
     cumulated_periodogram,
     kolmogorov_band,
@@ -93,6 +94,73 @@ def test_measurement_errors_propagate_through_the_predictor(good: FitResult) -> 
     sd = propagated_sd(good, simulated(3), {"y": 0.2})[0]
     assert 0.2 < sd < 0.2 * np.sqrt(2)
     assert propagated_sd(good, simulated(3), {"u": 0.2})[0] > 0
+
+
+def test_propagated_errors_are_those_of_the_settled_filter(good: FitResult) -> None:
+    """An error v at the output alone gives e_k = v_k - a K sum (a (1 - K))^j v_k-1-j, settled gain K and decay a."""
+    d = simulated(3, 8000)
+    path = good.paths(d)[0]
+    P, a = path.P[-1, 0, 0], np.exp(-good.params["th"] * 0.1)
+    K = P / (P + np.exp(2 * good.params["lsy"]))
+    expected = 0.2 * np.sqrt(1 + (a * K) ** 2 / (1 - (a * (1 - K)) ** 2))
+    # A standard deviation from 8000 correlated values is good to about one per cent.
+    assert propagated_sd(good, d, {"y": 0.2})[0] == pytest.approx(expected, rel=0.03)
+
+
+def test_residuals_larger_than_measurement_errors_explain_are_a_verdict(good: FitResult) -> None:
+    def verdict(sd: float) -> Verdict:
+        return next(w for w in validate(good, uncertainty={"y": sd}).verdicts if w.test == "Eq. 2.29")
+
+    sd = float(np.nanstd((simulated(3).y - good.predict())[1:]))
+    enough = sd / (propagated_sd(good, simulated(3), {"y": 1.0})[0])
+    assert verdict(1.05 * enough).passed
+    assert not verdict(0.8 * enough).passed
+
+
+def test_other_data_of_another_process_fail_cross_validation(good: FitResult) -> None:
+    t = np.arange(800) * 0.1
+    other = TRUE + np.array([0.0, 2.0, 0.0, 0.0])  # another level
+    d = realise(problems.ou1d(), other, Data(t, np.sin(t * 0.7)[:, None], np.zeros((800, 1))), 4)
+    crossed = {w.about: w for w in validate(good, other=d).verdicts if w.test == "cross-validation"}
+    assert set(crossed) == {"y one step", "y simulation"}
+    assert not crossed["y simulation"].passed
+    # Ahead from the start value alone, nothing measured: the rms is the level's shift and the process's own spread.
+    assert crossed["y simulation"].statistic == pytest.approx(
+        np.hypot(2.0, float(np.std(good.simulate() - simulated(3).y))), rel=0.1
+    )
+
+
+def test_what_physics_cannot_mean_is_a_verdict() -> None:
+    fast = fit(problems.ou1d(), simulated(3), fixed={"th": 99.99}, errors="fisher")
+    slow = fit(problems.ou1d(), simulated(3), fixed={"th": 0.0011}, errors="fisher")
+    for r, tau in ((fast, 1 / 99.99), (slow, 1 / 0.0011)):
+        found = next(w for w in validate(r).verdicts if w.test == "time constant")
+        assert found.statistic == pytest.approx(tau, rel=1e-6)
+        assert found.passed is (tau > 0.1 / 10 and tau < 5 * 80)
+    unstable = dataclasses.replace(problems.ou1d(), drift=lambda x, u, p: {"x": 1e-3 * x.x + p.mu * 0.01 + p.th * 0.01})
+    r = fit(unstable, simulated(3), errors="fisher")
+    assert not next(w for w in validate(r).verdicts if w.test == "time constant").passed
+    bounded = dataclasses.replace(
+        problems.ou1d(), parameters=tuple(
+            dataclasses.replace(q, upper=2.5) if q.symbol == "mu" else q for q in problems.ou1d().parameters
+        ),
+    )  # fmt: skip
+    assert ("plausible", "mu") in {
+        (w.test, w.about) for w in validate(fit(bounded, simulated(3))).verdicts if not w.passed
+    }
+
+
+def test_page_of_plots_has_every_test_of_every_output() -> None:
+    t = np.arange(300) * 0.1
+    d = realise(problems.ou2d(), np.array([0.7, 3.0, 0.2, 0.3, -1.0, -3.0, -2.5]),
+                Data(t, np.sin(t)[:, None], np.zeros((300, 2))), 5)  # fmt: skip
+    axes = fit(problems.ou2d(), d).plot_diagnostics().axes
+    titles = [a.get_title() for a in axes]
+    for symbol in ("y1", "y2"):
+        assert f"{symbol}: one-step prediction" in titles
+    assert titles.count("lag dependent function") == titles.count("autocorrelation") == 2
+    against = [a.get_xlabel() for a in axes if a.get_title() == ""]
+    assert against == ["u [1]", "y1 predicted [1]", "y2 predicted [1]"] * 2
 
 
 def test_time_constant_is_one_over_the_rate(good: FitResult) -> None:
