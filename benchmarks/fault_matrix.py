@@ -1,6 +1,7 @@
 """Which fault moves which estimate: measured in simulation for every model, and for the house as a whole.
 
     python -m benchmarks.fault_matrix --write    # measure docs/models/faults/matrix.json anew and make its page
+    python -m benchmarks.fault_matrix --write tank    # this model only; the others stay as they are
     python -m benchmarks.fault_matrix --check    # measure it anew and compare; fails where it is stale
 
 Every model is fitted to a healthy record and to one with the fault (another seed); a cell is the difference of an
@@ -12,7 +13,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -216,13 +217,17 @@ def _house_fits(scenario: Scenario, start: Mapping[str, FitResult] | None) -> di
     return found
 
 
-def matrix() -> dict[str, Any]:
-    """Everything, as it is stored."""
-    tables = {}
-    for name in sorted(MODELS):
-        model = get_model(name)
-        tables[name] = {"version": model.version, "faults": measured(name)}
-    return {"made_by": "python -m benchmarks.fault_matrix --write", "models": tables, "house": measured_house()}
+def matrix(only: Sequence[str] = ()) -> dict[str, Any]:
+    """Everything, as it is stored; where models are named, all others as they were."""
+    tables = dict(stored()["models"]) if only else {}
+    for name in only or sorted(MODELS):
+        tables[name] = {"version": get_model(name).version, "faults": measured(name)}
+    house = stored()["house"] if only else measured_house()
+    return {
+        "made_by": "python -m benchmarks.fault_matrix --write",
+        "models": dict(sorted(tables.items())),
+        "house": house,
+    }
 
 
 def page(found: Mapping[str, Any]) -> str:
@@ -276,7 +281,7 @@ def differences(old: Mapping[str, Row], new: Mapping[str, Row], where: str) -> l
 
 def main() -> int:
     """Write, or check."""
-    found = matrix()
+    found = matrix([a for a in sys.argv[1:] if not a.startswith("-")])
     if "--check" in sys.argv:
         old = stored()
         words = differences(old["house"], found["house"], "house")
