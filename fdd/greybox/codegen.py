@@ -28,12 +28,14 @@ class Variant:
     """Which filter to generate: how to predict, how inputs act between samples, with tangents or without.
 
     ``robust``: an innovation beyond w[HUBER] standard deviations is taken for one of just so many.
+    ``lanes``: 0 for the likelihood of one record, else how many components of a bank are stepped at once.
     """
 
     method: Method
     hold: Hold = "zero"
     tangents: bool = False
     robust: bool = False
+    lanes: int = 0
 
 
 def packed(i: int, j: int, n: int) -> int:
@@ -56,7 +58,7 @@ class Layout:
     @property
     def K(self) -> int:
         """Tangent row length: parameters, padded to full vectors that do not straddle cache lines."""
-        full = 4 if self.parameters <= 4 else LINE
+        full = 1 if self.variant.lanes > 1 else 4 if self.parameters <= 4 else LINE
         return -(-self.parameters // full) * full if self.variant.tangents else 0
 
     @property
@@ -88,9 +90,12 @@ class Layout:
             sizes |= {"BEFORE": nz * (1 + K)}
         else:
             sizes |= {"TS": nz * K, "TACC": nz * K}
+        if self.variant.lanes:
+            sizes |= {"UNOW": self.inputs, "YNOW": q, "OUT": 4 * q, "GAIN": q, "WEIGHT": q}
         out, at = {}, 0
         for name, size in sizes.items():
-            if name != "P" and name[1:] not in sizes:  # covariance behind state, tangents behind their matrix
+            # The covariance is right behind the state, and tangents behind their matrix.
+            if self.variant.lanes < 2 and name != "P" and name[1:] not in sizes:
                 at = -(-at // LINE) * LINE
             out[name] = at
             at += size
@@ -195,6 +200,7 @@ class Generator:
         sizes = {
             "N": self.n, "NZ": self.nz, "K": self.K, "NP": self.layout.parameters, "NU": self.layout.inputs,
             "NY": self.layout.outputs, "NC": len(self.constants.slots), "FIRST": self.variant.hold == "first",
+            "LANES": max(1, self.variant.lanes),
         }  # fmt: skip
         head += [f"{name} = {value}" for name, value in sizes.items()]
         parts = [templates.HEADER, "\n".join(head), self.prepare()]
@@ -204,7 +210,10 @@ class Generator:
             parts.append(templates.SUBSTEPS)
         if self.K and self.freezes:
             parts.append(templates.STEADY_TANGENTS)
-        parts += [*functions, templates.loops(self.K > 0, self.freezes, self.variant.robust)]
+        if self.variant.lanes:
+            parts += [*functions, templates.bank(tangents=self.K > 0, exact=self.variant.method == "exact")]
+        else:
+            parts += [*functions, templates.loops(self.K > 0, self.freezes, self.variant.robust)]
         return "\n\n".join(parts) + "\n"
 
     @property
@@ -243,8 +252,11 @@ class Generator:
         for e in self.constants.extra:
             scope.lines.append(f"c[{self.constants.slots[e.index]}] = {scope(e)}")
         return "\n".join([
-            "def prepare(p: array, c: array):",
-            "    for i in range(NP):", "        c[i] = p[i]", *indent(scope.lines),
+            "def derive(c: array):", *indent(scope.lines or ["pass"]), "\n",
+            "def prepare(p: array, c: array):", "    for i in range(NP):", "        c[i] = p[i]", "    derive(c)", "\n",
+            "def prepare_bank(n: int, p: each[NP], c: rows[NC]):",
+            "    for b in range(n // LANES):", "        r = b * LANES",
+            "        for i in range(NP):", "            c[b, i] = p[r, i]", "        derive(c[b])",
         ])  # fmt: skip
 
     def start(self) -> str:
@@ -297,14 +309,14 @@ class Generator:
                 if entries:
                     start += [f"t = {' + '.join(f'fabs({e})' for e in entries)}", "big = t if t > big else big"]
             start += ["small = big", "big = 0.0"] if sums is rows else ["small = big if big < small else small"]
-        return [*lines, *start, f"n = substeps(small * {dt})", "if n < 0.0:", "    return n"]
+        return [*lines, *start, f"n = substeps(small * {dt})"]
 
     def _predict_rk4(self) -> list[str]:
         nz = self.nz
         first = self.variant.hold == "first"
         top, middle = self.scopes("u0")
         choose = (top if first else middle).inner(self._states("x") | (self._inputs("u0") if first else {}), "j")
-        auto = ["if n <= 0.0:", *indent(self._substeps(choose))]
+        auto = ["if n == 0.0:", *indent(self._substeps(choose))]
         loop = self._stages_tangent(top, middle, first) if self.K else self._stages(top, middle, first)
         load = [f"x{i} = w[{i}]" for i in range(nz)]
         save = [f"w[{i}] = x{i}" for i in range(nz)]
@@ -315,7 +327,7 @@ class Generator:
             *load,
             *auto,
             "h = dt / n",
-            "for sub in range(int(n)):",
+            "for sub in range(int(highest(n))):",
             *indent(loop),
             *save,
             "return n",
@@ -341,8 +353,8 @@ class Generator:
             scope = (top if first else middle).inner(self._states(names) | (inputs if first else {}), f"v{stage}_")
             values = [scope(e) for e in F]
             lines += [*scope.lines, *(f"k{stage + 1}_{i} = {v}" for i, v in enumerate(values))]
-        lines.append("g = h / 6.0")
-        lines += [f"x{i} = x{i} + g * (k1_{i} + 2.0 * (k2_{i} + k3_{i}) + k4_{i})" for i in range(self.nz)]
+        lines += ["g = h / 6.0", "if sub < n:"]
+        lines += [f"    x{i} = x{i} + g * (k1_{i} + 2.0 * (k2_{i} + k3_{i}) + k4_{i})" for i in range(self.nz)]
         return lines
 
     def _stages_tangent(self, top: Scope, middle: Scope, first: bool) -> list[str]:
@@ -376,10 +388,11 @@ class Generator:
             *(f"y{i} = x{i}" for i in range(nz)),
             "for stage in range(4):",
             *indent(stage),
-            *(f"x{i} = y{i}" for i in range(nz)),
-            f"for i in range({nz}):",
-            f"    for k in range({K}):",
-            f"        w[{at['T']} + i * {K} + k] = w[{at['TACC']} + i * {K} + k]",
+            "if sub < n:",  # components of a bank may need more substeps than this one
+            *(f"    x{i} = y{i}" for i in range(nz)),
+            f"    for i in range({nz}):",
+            f"        for k in range({K}):",
+            f"            w[{at['T']} + i * {K} + k] = w[{at['TACC']} + i * {K} + k]",
         ]
 
     def _covariance_tangents(self, scope: Scope) -> list[str]:
@@ -451,7 +464,7 @@ class Generator:
                 entries += self._direct(fresh, s.q[i], at["TQ"] + (i * n + i) * K)
         refresh = [*fresh_top.lines, *fresh.lines, *entries, "discretise(w, dt)", "w[KEY] = dt"]
         refresh += [f"w[KEY + {i + 1}] = u0[{v}]" for i, v in enumerate(s.varying)]
-        lines = [f"if {' or '.join(key)}:", *indent(refresh), "advance(w, c, dt, u0, u1)"]
+        lines = [f"if n >= 0.0 and ({' or '.join(key)}):", *indent(refresh), "advance(w, c, dt, u0, u1)"]
         if K:
             lines += ["propagate_covariance_tangents(w)"]
         return [*lines, *self.propagate_covariance(), "return 1.0"]
@@ -525,13 +538,13 @@ class Generator:
         shown: list[str] = []
         for j in range(q):
             shown += [f"o[{j}] = {marginal(s.h[j])}", f"o[{q + j}] = {marginal(self._variance(s.H[j], s.r[j]))}"]
-        body = [*marginal.lines, *shown, "status = 0"]
+        body = [*marginal.lines, *shown, "status = 0.0"]
         parts = [self._scalar_update(j, middle, keep and nonlinear[j] and j > 0) for j in range(q)]
         for j, part in enumerate(parts):
             body += [f"o[{2 * q + j}] = nan", f"o[{3 * q + j}] = nan", f"if y[{j}] == y[{j}]:", *indent(part)]
         save = [f"w[{i}] = x{i}" for i in range(self.nz)]
         lines = [*top.lines, *head, *middle.lines, *body, *save, "return status"]
-        return "\n".join(["def update(w: array, c: array, u: array, y: array, o: array) -> int:", *indent(lines)])
+        return "\n".join(["def update(w: array, c: array, u: array, y: array, o: array) -> float:", *indent(lines)])
 
     def steady(self) -> str:
         """The update of a settled filter: gains and variances (and their tangents) are those of the last full one."""
@@ -580,7 +593,7 @@ class Generator:
         if K:
             tangent = self._tangent_update(j, scope, [-h, variance, *gains], predicted if from_prediction else [])
         lines = [*scope.lines, *lines]
-        lines += ["if not (s > 0.0 and s < inf):", "    return 7"]
+        lines += ["if not (s > 0.0 and s < inf):", "    status = 7.0"]
         lines += [f"o[{2 * q + j}] = e", f"o[{3 * q + j}] = s"]
         if self.variant.robust:
             lines += ["hh = w[HUBER] * w[HUBER]", "far = e * e > hh * s"]

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fdd.greybox import codegen
-from fdd.greybox.kernels import Kernel, kernel
+from fdd.greybox import codegen, native
+from fdd.greybox.kernels import Kernel, aligned, kernel
 from fdd.greybox.likelihood import chain, from_scale, to_scale, unpack
 from fdd.models.declare import ComponentModel
 
@@ -69,14 +69,19 @@ class FilterBank:
 
     def __init__(
         self, model: ComponentModel, parameters: ArrayLike, *, score: bool = True, hold: codegen.Hold = "zero",
-        method: codegen.Method | None = None, plain: bool = False,
+        method: codegen.Method | None = None, plain: bool = False, lanes: int | None = None,
     ) -> None:  # fmt: skip
         self.model = model
-        self.kernel: Kernel = kernel(model, method=method, hold=hold, tangents=score, plain=plain)
+        if lanes is None:
+            lanes = 1 if plain or method == "local" else native.width()
+        self.kernel: Kernel = kernel(model, method=method, hold=hold, tangents=score, plain=plain, lanes=lanes)
         values = np.array(parameters, dtype=np.float64, ndmin=2)
-        self.parameters, self._scale = np.empty_like(values), np.empty_like(values)
-        self._c = self.kernel.constants(len(values))
-        self._state = np.zeros((len(values), self.kernel.module.PERSISTENT))
+        self.parameters = np.empty_like(values)
+        self._lanes, blocks = lanes, -(-len(values) // lanes)
+        # Components side by side, so that one place of several is a vector; the last block is filled with spare ones.
+        self._c = aligned(blocks, self.kernel.module.NC, lanes)
+        self._blocks = aligned(blocks, self.kernel.module.PERSISTENT, lanes)
+        self._scale = np.ones((blocks * lanes, values.shape[1]))
         self._w = self.kernel.workspace()
         self._score = score
         self.set_parameters(np.arange(len(values)), values)
@@ -100,21 +105,28 @@ class FilterBank:
             )
         self.parameters[rows] = values
         self._scale[rows] = chain(self.model, values)
-        at = self.kernel.layout.offsets
+        padded = np.resize(self.parameters, self._scale.shape) if len(self) else self._scale
         with np.errstate(all="ignore"):
-            for row, value in zip(rows, values, strict=True):
-                self.kernel.module.prepare(value, self._c[row])
+            self.kernel.module.prepare_bank(len(padded), padded, self._c)
+        at = self.kernel.layout.offsets
         if "KEY" in at:
-            self._state[rows, at["KEY"]] = 0.0  # the discretisation must be made anew
-        nz, K = self.kernel.layout.nz, self.kernel.layout.K
-        for row in rows:
-            self._state[row, at["T"] : at["T"] + nz * K] = 0.0
+            self._set(rows, at["KEY"], at["KEY"] + 1, 0.0)  # the discretisation must be made anew
+        self._set(rows, at["T"], at["STARTED"], 0.0)
+
+    def _set(self, rows: NDArray[np.int64], first: int, last: int, values: FloatArray | float) -> None:
+        """Put ``values`` (rows, last - first) into the states of some components."""
+        self._blocks[rows // self._lanes, first:last, rows % self._lanes] = values
+
+    def _get(self, first: int, last: int) -> FloatArray:
+        """A part of the state of every component, (n, last - first)."""
+        part = self._blocks[:, first:last].transpose(0, 2, 1)
+        return np.ascontiguousarray(part).reshape(-1, last - first)[: len(self)]
 
     def move(self, rows: NDArray[np.int64], by: FloatArray) -> None:
         """Move parameters (r, n_p) by little on the transform scale, and states with them by their tangents."""
         at, n, K = self.kernel.layout.offsets["T"], self.kernel.layout.n, self.kernel.layout.K
         size = self.kernel.layout.nz * K
-        tangents = self._state[rows, at : at + size].copy()
+        tangents = self._get(at, at + size)[rows]
         old = self.parameters[rows]
         new = np.array(
             [
@@ -123,9 +135,9 @@ class FilterBank:
             ]
         )
         self.set_parameters(rows, new)
-        self._state[rows, at : at + size] = tangents
+        self._set(rows, at, at + size, tangents)
         shift = np.einsum("rik,rk->ri", tangents[:, : n * K].reshape(-1, n, K)[:, :, : new.shape[1]], new - old)
-        self._state[rows, :n] += np.where(np.isfinite(shift), shift, 0.0)
+        self._set(rows, 0, n, self._get(0, n)[rows] + np.where(np.isfinite(shift), shift, 0.0))
 
     def step(self, dt: ArrayLike, u: ArrayLike, y: ArrayLike, active: ArrayLike | None = None) -> Step:
         """One sample of every active component.
@@ -138,18 +150,18 @@ class FilterBank:
         active : shape (n,), False leaves a component as it is
         """
         n, m, q = len(self), len(self.model.inputs), len(self.model.outputs)
-        dt = np.ascontiguousarray(np.broadcast_to(np.asarray(dt, dtype=np.float64), (n,)))
-        u = np.array(u, dtype=np.float64, order="C").reshape(n, m)  # a copy: held inputs are written into it
-        y = np.ascontiguousarray(y, dtype=np.float64).reshape(n, q)
-        y = np.where(np.isinf(y), np.nan, y)
-        on = np.ones(n, dtype=np.bool_) if active is None else np.ascontiguousarray(active, dtype=np.bool_)
-        n_p = self.parameters.shape[1] if self._score else 0
-        out, status = np.empty((n, 4 * q)), np.empty(n, dtype=np.int64)
-        score, info = np.empty((n, n_p)), np.empty((n, n_p, n_p))
+        y = np.array(y, dtype=np.float64).reshape(n, q)
+        y[np.isinf(y)] = np.nan
+        on = np.ones(n, dtype=np.bool_) if active is None else np.asarray(active, dtype=np.bool_)
+        n_p, full = self.parameters.shape[1] if self._score else 0, len(self._scale)
+        out, status = np.empty((full, 4 * q)), np.empty(full, dtype=np.int64)
+        score, info = np.empty((full, n_p)), np.empty((full, n_p, n_p))
+        given = (self._padded(dt, n), self._padded(u, n, m), self._padded(y, n, q), self._padded(on, n, of=np.bool_))
         with np.errstate(all="ignore"):
             self.kernel.module.bank(
-                n, dt, u, y, on, self._c, self._state, self._w, out, int(self._score), self._scale, score, info, status
+                full, *given, self._c, self._blocks, self._w, out, int(self._score), self._scale, score, info, status
             )
+        out, score, info, status = out[:n], score[:n], info[:n], status[:n]
         predicted = out[:, :q]
         return Step(
             predicted=predicted,
@@ -161,24 +173,31 @@ class FilterBank:
             status=status,
         )
 
+    def _padded(self, values: ArrayLike, *shape: int, of: type = np.float64) -> NDArray[Any]:
+        """An array of every component with zeros for the spare ones behind."""
+        out: NDArray[Any] = np.zeros((len(self._scale), *shape[1:]), dtype=of)
+        out[: len(self)] = np.broadcast_to(np.asarray(values, dtype=of), shape)
+        return out
+
     def states(self) -> tuple[FloatArray, FloatArray]:
         """Filtered states (n, n_x) and covariances (n, n_x, n_x) after the last step; NaN where not started."""
         k = self.kernel.layout
-        started = self._state[:, k.offsets["STARTED"]] != 0
-        x, P = self._state[:, : k.n].copy(), unpack(self._state[:, k.n : k.nz], k.n)
+        at = k.offsets["STARTED"]
+        started = self._get(at, at + 1)[:, 0] != 0
+        x, P = self._get(0, k.n), unpack(self._get(k.n, k.nz), k.n)
         x[~started], P[~started] = np.nan, np.nan
         return x, P
 
     def reset(self, which: ArrayLike | None = None) -> None:
         """Forget the states of these components (all by default); they start anew at their next active sample."""
-        rows = slice(None) if which is None else np.asarray(which)
-        self._state[rows, self.kernel.layout.offsets["STARTED"]] = 0.0
+        rows, at = np.arange(len(self)), self.kernel.layout.offsets["STARTED"]
+        self._set(rows if which is None else rows[np.asarray(which)], at, at + 1, 0.0)
 
     def warm(self) -> None:
         """Compile, or load from the cache, before the first tick."""
         spare = FilterBank.__new__(FilterBank)
         spare.__dict__.update(self.__dict__)
-        spare._state = self._state.copy()
+        spare._blocks = self._blocks.copy()
         n, m, q = len(self), len(self.model.inputs), len(self.model.outputs)
         spare.step(np.ones(n), np.zeros((n, m)), np.zeros((n, q)), np.zeros(n, dtype=np.bool_))
 
@@ -190,7 +209,7 @@ class FilterBank:
             "model_version": self.model.version,
             "layout": self._layout(),
             "parameters": self.parameters.copy(),
-            "state": self._state.copy(),
+            "state": self._get(0, self.kernel.module.PERSISTENT),
         }
 
     def _layout(self) -> str:
@@ -217,7 +236,9 @@ class FilterBank:
                     "start the filters anew instead of restoring"
                 )
         array = np.array(state["state"], dtype=np.float64)
-        if array.shape != self._state.shape:
-            raise ValueError(f"filter state has shape {array.shape}, this bank {self._state.shape}")
-        self.set_parameters(np.arange(len(self)), state["parameters"])
-        self._state = array
+        shape = len(self), self.kernel.module.PERSISTENT
+        if array.shape != shape:
+            raise ValueError(f"filter state has shape {array.shape}, this bank {shape}")
+        rows = np.arange(len(self))
+        self.set_parameters(rows, state["parameters"])
+        self._set(rows, 0, shape[1], array)

@@ -6,6 +6,7 @@ the generated text, of the versions it was compiled with and of the processor, s
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
 import types
@@ -31,7 +32,8 @@ def wide(a):
 def highest(a):
     return a
 """
-ENTRIES = ("prepare", "start", "predict", "update", "run", "bank")
+ENTRIES = ("prepare", "start", "predict", "update", "run")
+BANK_ENTRIES = ("prepare_bank", "bank")
 
 
 @dataclass(frozen=True)
@@ -45,14 +47,25 @@ class Kernel:
     text: str
 
     def workspace(self) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """A fresh workspace, aligned to cache lines."""
-        room = np.zeros(self.module.SIZE + codegen.LINE)
-        first = -(room.ctypes.data // room.itemsize) % codegen.LINE
-        return room[first : first + self.module.SIZE]
+        """A fresh workspace."""
+        return aligned(self.module.SIZE * self.lanes)
 
-    def constants(self, rows: int | None = None) -> np.ndarray[Any, np.dtype[np.float64]]:
+    @property
+    def lanes(self) -> int:
+        """How many components share every place of a workspace."""
+        return max(1, self.variant.lanes)
+
+    def constants(self) -> np.ndarray[Any, np.dtype[np.float64]]:
         """Room for what depends on parameters only."""
-        return np.zeros(self.module.NC if rows is None else (rows, self.module.NC))
+        return np.zeros(self.module.NC)
+
+
+def aligned(*shape: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Zeros that begin with a cache line."""
+    size = math.prod(shape)
+    room = np.zeros(size + codegen.LINE)
+    first = -(room.ctypes.data // room.itemsize) % codegen.LINE
+    return room[first : first + size].reshape(shape)
 
 
 _loaded: dict[tuple[int, Variant, bool], Kernel] = {}
@@ -66,16 +79,21 @@ def kernel(
     tangents: bool = False,
     robust: bool = False,
     plain: bool = False,
+    lanes: int = 0,
 ) -> Kernel:
-    """The kernel of a model; ``plain`` runs the same text as ordinary Python, slowly, as an oracle."""
+    """The kernel of a model; ``plain`` runs the same text as ordinary Python, slowly, as an oracle.
+
+    With ``lanes`` it is that of a bank which steps so many components at once, else that of a record's likelihood.
+    """
     system = trace(model)
-    variant = Variant(method or default_method(model, hold), hold, tangents, robust)
+    variant = Variant(method or default_method(model, hold), hold, tangents, robust, lanes)
     name = (id(model), variant, plain)
     known = _loaded.get(name)
     if known is not None and known.system is system:
         return known
     text, layout = codegen.generate(system, variant)
-    module = _plain(text) if plain else native.module(text, ENTRIES, cache_folder())
+    entries = BANK_ENTRIES if lanes else ENTRIES
+    module = _plain(text) if plain else native.module(text, entries, cache_folder(), max(1, lanes))
     if len(_loaded) > 256:
         _loaded.clear()
     _loaded[name] = made = Kernel(system, variant, layout, module, text)

@@ -198,7 +198,7 @@ def _predict(gen: Generator) -> list[str]:
     back = [f"for i in range({nz}):", "    w[X + i] = w[BEFORE + i]"]
     back += [f"for i in range({size}):", f"    w[T + i] = w[BEFORE + {nz} + i]"] if size else []
     return [
-        "if n > 0.0:",
+        "if n != 0.0:",  # fewer than none is a component that rests
         "    advance(w, c, dt, u0, u1, n)",
         "    return n",
         *keep,

@@ -2,7 +2,10 @@
 
 What it takes: functions of floats, integers and arrays with annotated arguments, assignments, ``for`` over ``range``,
 ``while``, ``if``, conditional expressions, arithmetic and the functions of :data:`INTRINSICS`. A loop over ``k`` with
-fixed ends whose arrays are indexed by ``... + k`` becomes vector instructions directly.
+fixed ends whose arrays are indexed by ``... + k`` becomes vector instructions directly. With ``lanes`` every float is a
+vector of that many components instead, and the same text steps them all at once: an ``if`` on a lane's value becomes a
+mask, under which names and arrays change in the lanes it holds for. What a lane computes never depends on its
+neighbours.
 
 One text gives one object file, whoever compiles it and whatever was loaded before, so that results do not depend on
 which process compiled.
@@ -11,13 +14,17 @@ which process compiled.
 from __future__ import annotations
 
 import ast
+import math
 import re
 import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 INTRINSICS = {"exp", "log", "sqrt", "sin", "cos", "tanh", "fabs", "abs", "floor"}
-_FAST = "nsz"  # products and sums may be fused; nothing is reordered
+_FAST = "nsz"  # the sign of a zero is free; nothing is reordered, and only tangents are fused
+_MATHEMATICS = {"exp", "log", "pow", "tanh"}  # in lanes: see lanes.py
+LANE_FUNCTIONS = {f"lanes_{name}" for name in _MATHEMATICS} | {"exp_of_sum"}
+_BITS = {"power_of_two", "exponent_of", "fraction_of", "product_error"}  # what lanes.py is written with
 _BINARY = {ast.Add: ("fadd", "add"), ast.Sub: ("fsub", "sub"), ast.Mult: ("fmul", "mul")}
 _COMPARE = {ast.Lt: ("olt", "slt"), ast.LtE: ("ole", "sle"), ast.Gt: ("ogt", "sgt"), ast.GtE: ("oge", "sge"),
             ast.Eq: ("oeq", "eq"), ast.NotEq: ("une", "ne")}  # fmt: skip
@@ -30,10 +37,14 @@ class UnsupportedTextError(ValueError):
 
 @dataclass(frozen=True)
 class Array:
-    """An argument that is an array: what it holds, and the lengths of its inner dimensions."""
+    """An argument that is an array: what it holds, and the lengths of its inner dimensions.
+
+    ``each``: one row a component whatever the lanes are; other arrays of floats hold a vector of lanes in every place.
+    """
 
     item: str
     inner: tuple[int, ...] = ()
+    each: bool = False
 
 
 @dataclass
@@ -102,11 +113,16 @@ def fold(node: ast.expr, known: dict[str, float | int]) -> float | int | None:
 
 def _annotation(node: ast.expr | None, known: dict[str, float | int]) -> str | Array:
     if isinstance(node, ast.Name):
-        return {"array": Array("float"), "integers": Array("int"), "flags": Array("flag")}.get(node.id, node.id)
+        return {
+            "array": Array("float"),
+            "integers": Array("int"),
+            "flags": Array("flag"),
+            "each": Array("float", each=True),
+        }.get(node.id, node.id)
     if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
         sizes = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-        item = {"rows": "float", "indices": "int"}[node.value.id]
-        return Array(item, tuple(int(_constant(s, known)) for s in sizes))
+        if node.value.id in ("rows", "each"):
+            return Array("float", tuple(int(_constant(s, known)) for s in sizes), node.value.id == "each")
     raise UnsupportedTextError("every argument needs a type")
 
 
@@ -126,8 +142,15 @@ class _Chunk(ast.stmt):
 class Writer:
     """Writes one function as LLVM's language."""
 
-    def __init__(self, module: Module, name: str, prefix: str, external: bool) -> None:
+    def __init__(
+        self, module: Module, name: str, prefix: str, *, external: bool, lanes: int = 1, masked: bool = False,
+        fma: bool = True,
+    ) -> None:  # fmt: skip
         self.module, self.node, self.prefix = module, module.functions[name], prefix
+        self.lanes, self.fma = lanes, fma
+        self.mask, self.masks = ("%mask", 1) if masked else ("", 0)  # lanes that are on; how many conditions deep
+        self.born: dict[str, int] = {}  # how many conditions deep a name was first set
+        self.called: set[tuple[str, bool]] = set()
         self.signature = module.signatures[name]
         self.external = external
         self.entry: list[str] = []
@@ -171,10 +194,10 @@ class Writer:
         if wide:
             return f"<{wide} x double>" if t == "float" else f"<{wide} x i1>"
         if t == "float":
-            return "double"
+            return f"<{self.lanes} x double>" if self.lanes > 1 else "double"
         if t == "bool":
-            return "i1"
-        return {"int": "i64", "condition": "i1", "none": "void"}[t]
+            return f"<{self.lanes} x i1>" if self.lanes > 1 else "i1"
+        return {"number": "double", "int": "i64", "condition": "i1", "none": "void"}[t]
 
     # The function
     def function(self) -> str:
@@ -186,16 +209,22 @@ class Writer:
                 self.names[name] = (t, f"%{name}")
             else:
                 self._store_name(name, Value(t, f"%{name}"))
+        if self.mask:
+            arguments.append(f"{self.type('bool')} %mask")
         self.block(self.node.body)
         if not self.ended:
             t = self.type(self.signature.returns)
             self.emit("ret void" if t == "void" else f"ret {t} {self._zero(self.signature.returns)}")
         linkage = "" if self.external else "internal "
-        head = f"define {linkage}{self.type(self.signature.returns)} @{self.prefix}{self.node.name}"
+        name = f"{self.prefix}{self.node.name}{'.masked' if self.masks else ''}"
+        head = f"define {linkage}{self.type(self.signature.returns)} @{name}"
         body = "\n".join(["entry:", *self.entry, *self.lines])
-        return f"{head}({', '.join(arguments)}) nounwind {{\n{body}\n}}"
+        always = " alwaysinline" if self.node.name in LANE_FUNCTIONS else ""
+        return f"{head}({', '.join(arguments)}) nounwind{always} {{\n{body}\n}}"
 
     def _zero(self, t: str) -> str:
+        if self.lanes > 1 and t in ("float", "bool"):
+            return "zeroinitializer"
         return number(0.0) if t == "float" else "0"
 
     def block(self, body: Iterable[ast.stmt]) -> None:
@@ -238,15 +267,54 @@ class Writer:
             self._store_name(target.id, value)
             return
         assert isinstance(target, ast.Subscript)
-        item, pointer, wide = self.address(target)
+        item, pointer, wide, apart = self.address(target)
         if item == "flag":
             raise UnsupportedTextError("flags are read only")
-        if wide:
+        if item == "int" and value.type == "float":
+            t = f"<{self.lanes} x i64>" if self.lanes > 1 else "i64"
+            whole = self.value(f"fptosi {self.type('float')} {value.name} to {t}")
+            self.emit(f"store {t} {whole}, ptr {pointer}, align 8")
+        elif apart:
+            self.scatter(self.cast(value, "float"), pointer, apart)
+        elif self.mask and item == "float":
+            v = self.cast(value, "float")
+            old = self.value(f"load {self.type('float')}, ptr {pointer}, align 8")
+            self.emit(f"store {self.type('float')} {self.choose(v.name, old)}, ptr {pointer}, align 8")
+        elif wide:
             v = self.widen(self.cast(value, "float"), wide)
             self.emit(f"store {self.type('float', wide)} {v.name}, ptr {pointer}, align 8")
         else:
             v = self.cast(value, item)
             self.emit(f"store {self.type(item)} {v.name}, ptr {pointer}, align 8")
+
+    def choose(self, new: str, old: str, t: str = "float") -> str:
+        """The new value in the lanes that are on, the old one in the others."""
+        of = self.type(t)
+        return self.value(f"select {self.type('bool')} {self.mask}, {of} {new}, {of} {old}")
+
+    def scatter(self, v: Value, pointer: str, apart: int) -> None:
+        """Store lanes ``apart`` floats from each other."""
+        if self.mask:
+            raise UnsupportedTextError(f"rows of components cannot be written under a condition: {self.node.name}")
+        if apart == 1:
+            self.emit(f"store {self.type('float')} {v.name}, ptr {pointer}, align 8")
+            return
+        for lane in range(self.lanes):
+            at = self.value(f"getelementptr inbounds double, ptr {pointer}, i64 {lane * apart}")
+            x = self.value(f"extractelement {self.type('float')} {v.name}, i64 {lane}")
+            self.emit(f"store double {x}, ptr {at}, align 8")
+
+    def gather(self, pointer: str, apart: int) -> Value:
+        """Lanes ``apart`` floats from each other as a vector."""
+        t = self.type("float")
+        if apart == 1:
+            return Value("float", self.value(f"load {t}, ptr {pointer}, align 8"))
+        out = "poison"
+        for lane in range(self.lanes):
+            at = self.value(f"getelementptr inbounds double, ptr {pointer}, i64 {lane * apart}")
+            x = self.value(f"load double, ptr {at}, align 8")
+            out = self.value(f"insertelement {t} {out}, double {x}, i64 {lane}")
+        return Value("float", out)
 
     def _store_name(self, name: str, value: Value) -> None:
         if isinstance(value.type, Array):
@@ -254,7 +322,12 @@ class Writer:
             return
         if value.wide:
             name = f"{name}.{value.wide}"
+        if value.type == "number" and (value.name.startswith("0x") or self.names.get(name, ("",))[0] == "float"):
+            value = self.cast(value, "float")
+        if value.type == "condition" and self.lanes > 1:
+            value = self.cast(value, "bool")
         if name not in self.names:
+            self.born[name] = self.masks
             place = f"%{name}.at"
             self.entry.append(f"  {place} = alloca {self.type(value.type, value.wide)}, align 8")
             self.names[name] = (value.type, place)
@@ -264,13 +337,21 @@ class Writer:
         t, place = self.names[name]
         assert isinstance(t, str)
         v = self.cast(value, t)
-        self.emit(f"store {self.type(t)} {v.name}, ptr {place}, align 8")
+        stored = v.name
+        if self.born.get(name, 0) < self.masks:
+            if t not in ("float", "bool"):
+                raise UnsupportedTextError(f"{name} is one for all lanes and cannot be set under a condition")
+            stored = self.choose(v.name, self.value(f"load {self.type(t)}, ptr {place}, align 8"), t)
+        self.emit(f"store {self.type(t)} {stored}, ptr {place}, align 8")
 
     def branch(self, s: ast.If) -> None:
         """An ``if``; one whose condition is a constant leaves nothing of itself."""
         known = self.truth(s.test)
         if known.name in ("true", "false"):
             self.block(s.body if known.name == "true" else s.orelse)
+            return
+        if known.type == "bool" and self.lanes > 1:
+            self._branch_lanes(s, known.name)
             return
         yes, no, after = self.label("yes"), self.label("no"), self.label("after")
         self.emit(f"br i1 {known.name}, label %{yes}, label %{no if s.orelse else after}")
@@ -289,6 +370,24 @@ class Writer:
         self.lines.append(f"{after}:")
         self.ended = False
 
+    def _branch_lanes(self, s: ast.If, test: str) -> None:
+        """Both sides one after the other, each for its lanes, and skipped where no lane wants it."""
+        t, outer = self.type("bool"), self.mask
+        for body, flip in ((s.body, False), (s.orelse, True)):
+            if not body:
+                continue
+            which = self.value(f"xor {t} {test}, splat (i1 true)") if flip else test
+            self.mask = self.value(f"and {t} {outer}, {which}") if outer else which
+            self.masks += 1
+            some = self.value(f"call i1 @llvm.vector.reduce.or.v{self.lanes}i1({t} {self.mask})")
+            yes, after = self.label("yes"), self.label("after")
+            self.emit(f"br i1 {some}, label %{yes}, label %{after}")
+            self.ended = True
+            self.begin(yes)
+            self.block(body)
+            self.begin(after)
+            self.mask, self.masks = outer, self.masks - 1
+
     def loop(self, s: ast.For) -> None:
         """A ``for`` over a range."""
         assert isinstance(s.target, ast.Name)
@@ -303,6 +402,7 @@ class Writer:
         self._count(s.target.id, self.expression(first), self._index(last), s.body)
 
     def _count(self, name: str, first: Value, end: str, content: list[ast.stmt]) -> None:
+        self.born[name] = self.masks  # a counter belongs to its loop, which lanes go through together
         self._store_name(name, first)
         place = self.names[name][1]
         test, body, after = self.label("test"), self.label("body"), self.label("done")
@@ -320,9 +420,18 @@ class Writer:
         self.begin(after)
 
     def _loop_over_k(self, body: list[ast.stmt], size: int) -> None:
-        """Vectors as wide as they come."""
+        """Vectors as wide as they come; one by one where the lanes are the vectors already."""
         simple = all(isinstance(s, ast.Assign | ast.AugAssign) for s in body)
         at = 0
+        if self.lanes > 1:
+            if size > 8 and not any(_asks_k(s) for s in body):
+                self._k_at_run_time(body, 0, 0, size)
+                return
+            for i in range(size):
+                self.chunk = (str(i), 0)
+                self.block(body)
+                self.chunk = None
+            return
         for width in WIDTHS:
             passes = (size - at) // width
             if passes > (1 if not simple else 8):
@@ -357,6 +466,8 @@ class Writer:
     def leave(self, s: ast.Return) -> None:
         """A ``return``."""
         t = self.signature.returns
+        if self.mask and self.masks > ("%mask" in self.mask):
+            raise UnsupportedTextError(f"lanes leave a function together: {ast.unparse(s)}")
         if s.value is None:
             self.emit("ret void")
         else:
@@ -383,8 +494,8 @@ class Writer:
         return self.module.constants
 
     def splat(self, scalar: str) -> Value:
-        """A number."""
-        return Value("float", scalar)
+        """A number, the same in all lanes."""
+        return Value("number" if self.lanes > 1 else "float", scalar)
 
     def _name(self, e: ast.Name) -> Value:
         if e.id in ("inf", "nan"):
@@ -406,12 +517,16 @@ class Writer:
         if isinstance(e.slice, ast.Slice):
             base, at = self.expression(e.value), self._index(e.slice.lower)
             return Value(base.type, self.value(f"getelementptr {self.type('float')}, ptr {base.name}, i64 {at}"))
-        item, pointer, wide = self.address(e)
+        item, pointer, wide, apart = self.address(e)
         if isinstance(item, Array):
             return Value(item, pointer)
+        if apart:
+            return self.gather(pointer, apart)
         if item == "flag":
-            byte = self.value(f"load i8, ptr {pointer}")
-            return Value("condition", self.value(f"icmp ne i8 {byte}, 0"))
+            t = f"<{self.lanes} x i8>" if self.lanes > 1 else "i8"
+            byte = self.value(f"load {t}, ptr {pointer}, align 1")
+            zero = "zeroinitializer" if self.lanes > 1 else "0"
+            return Value("bool" if self.lanes > 1 else "condition", self.value(f"icmp ne {t} {byte}, {zero}"))
         name = self.value(f"load {self.type(item, wide)}, ptr {pointer}, align 8")
         return Value(item, name, wide)
 
@@ -419,8 +534,8 @@ class Writer:
         assert e is not None
         return self.cast(self.expression(e), "int").name
 
-    def address(self, e: ast.Subscript) -> tuple[str | Array, str, int]:
-        """Item type, pointer, and the width where the index runs with k."""
+    def address(self, e: ast.Subscript) -> tuple[str | Array, str, int, int]:
+        """Item type, pointer, the width where the index runs with k, and how far lanes are apart if not neighbours."""
         base = self.expression(e.value)
         assert isinstance(base.type, Array)
         indices = e.slice.elts if isinstance(e.slice, ast.Tuple) else [e.slice]
@@ -434,9 +549,13 @@ class Writer:
         left = inner[len(indices) - 1 :]
         for size in left:
             at = self.value(f"mul nsw i64 {at}, {size}")
-        of = {"float": self.type("float"), "int": "i64", "flag": "i8"}[base.type.item]
+        rows = base.type.each and self.lanes > 1
+        if rows and left:
+            raise UnsupportedTextError(f"rows of components are read element by element: {ast.unparse(e)}")
+        of = {"float": "double" if rows else self.type("float"), "int": "i64", "flag": "i8"}[base.type.item]
         pointer = self.value(f"getelementptr inbounds {of}, ptr {base.name}, i64 {at}")
-        return (Array(base.type.item, left[1:]) if left else base.type.item), pointer, wide
+        item = Array(base.type.item, left[1:], base.type.each) if left else base.type.item
+        return item, pointer, wide, math.prod(inner) if rows else 0
 
     def _binop(self, e: ast.BinOp) -> Value:
         if (fused := self._fused(e)) is not None:
@@ -468,25 +587,44 @@ class Writer:
                     if minus:
                         sign = self.value(f"fneg {t} {a if product is e.right else c}")
                         a, c = (sign, c) if product is e.right else (a, sign)
-                    kind = f"v{wide}f64" if wide else "f64"
+                    kind = self.kind(wide)
                     made = self.value(f"call {t} @llvm.fmuladd.{kind}({t} {a}, {t} {b}, {t} {c})")
                     return Value("float", made, wide)
         return None
 
     def _runs(self, e: ast.expr) -> bool:
         """Whether an expression is a vector over k."""
+        if self.lanes > 1 and (self.chunk is not None or self.node.name in LANE_FUNCTIONS):
+            return self._real(e)
         if self.chunk is None or not self.chunk[1]:
             return False
         names = {n.id for n in ast.walk(e) if isinstance(n, ast.Name)}
         return bool(names & {"k", "wide"}) or any(f"{n}.{self.chunk[1]}" in self.names for n in names)
 
+    def _real(self, e: ast.expr) -> bool:
+        """Whether an expression is a float and no index."""
+        if isinstance(e, ast.Name):
+            return self.names.get(e.id, ("",))[0] in ("float", "number")
+        if isinstance(e, ast.BinOp):
+            return self._real(e.left) or self._real(e.right)
+        if isinstance(e, ast.UnaryOp):
+            return self._real(e.operand)
+        return not isinstance(e, ast.Constant) or isinstance(e.value, float)
+
+    def kind(self, wide: int = 0) -> str:
+        """How the names of LLVM's own functions end."""
+        size = wide or (self.lanes if self.lanes > 1 else 0)
+        return f"v{size}f64" if size else "f64"
+
     def _unaryop(self, e: ast.UnaryOp) -> Value:
         if isinstance(e.op, ast.Not):
             a = self.truth(e.operand)
-            return Value(a.type, self.value(f"xor {self.type(a.type)} {a.name}, true"))
+            ones = "splat (i1 true)" if self.lanes > 1 and a.type == "bool" else "true"
+            return Value(a.type, self.value(f"xor {self.type(a.type)} {a.name}, {ones}"))
         a = self.expression(e.operand)
         if a.type == "int":
             return Value("int", self.value(f"sub nsw i64 0, {a.name}"))
+        a = self.cast(a, "float")
         return Value("float", self.value(f"fneg {_FAST} {self.type('float', a.wide)} {a.name}"), a.wide)
 
     def _compare(self, e: ast.Compare) -> Value:
@@ -494,6 +632,8 @@ class Writer:
         real, whole = _COMPARE[type(e.ops[0])]
         if a.type == b.type == "int":
             return Value("condition", self.value(f"icmp {whole} i64 {a.name}, {b.name}"))
+        if a.type == b.type == "number":
+            return Value("condition", self.value(f"fcmp {real} double {a.name}, {b.name}"))
         a, b = self.match(self.cast(a, "float"), self.cast(b, "float"))
         return Value("bool", self.value(f"fcmp {real} {self.type('float', a.wide)} {a.name}, {b.name}"), a.wide)
 
@@ -551,6 +691,8 @@ class Writer:
         assert isinstance(e.func, ast.Name)
         name = e.func.id
         arguments = [self.expression(a) for a in e.args]
+        if name in _BITS:
+            return getattr(self, f"_{name}")(*(self.cast(a, "float").name for a in arguments))  # type: ignore[no-any-return]
         if name == "int":
             return Value("int", self.value(f"fptosi double {arguments[0].name} to i64"))
         if name == "highest":
@@ -564,20 +706,26 @@ class Writer:
         given = []
         for v, t in zip(arguments, signature.arguments.values(), strict=True):
             given.append(f"ptr {v.name}" if isinstance(t, Array) else f"{self.type(t)} {self.cast(v, t).name}")
-        call = f"call {self.type(signature.returns)} @{self.prefix}{name}({', '.join(given)})"
+        if self.mask:
+            given.append(f"{self.type('bool')} {self.mask}")
+        self.called.add((name, bool(self.mask)))
+        label = f"{self.prefix}{name}{'.masked' if self.mask else ''}"
+        call = f"call {self.type(signature.returns)} @{label}({', '.join(given)})"
         if signature.returns == "none":
             self.emit(call)
             return Value("none", "")
         return Value(signature.returns, self.value(call))
 
     def _highest(self, a: Value) -> Value:
-        """The largest element of a vector over k."""
-        size = a.wide
-        if not size:
+        """The largest element of a vector over k, or of the lanes that are on."""
+        size = a.wide or self.lanes
+        if size == 1:
             return a
-        t = f"<{size} x double>"
-        reduced = self.value(f"call double @llvm.vector.reduce.fmax.v{size}f64({t} {a.name})")
-        return Value("float", reduced)
+        t, name = f"<{size} x double>", self.cast(a, "float").name
+        if self.mask:
+            name = self.choose(name, f"splat (double {number(-math.inf)})")
+        reduced = self.value(f"call double @llvm.vector.reduce.fmax.v{size}f64({t} {name})")
+        return Value("number" if self.lanes > 1 else "float", reduced)
 
     def call(self, name: str, arguments: list[Value]) -> Value:
         """A mathematical function, for each element."""
@@ -585,24 +733,88 @@ class Writer:
         wide = arguments[0].wide
         t = self.type("float", wide)
         given = ", ".join(f"{t} {a.name}" for a in arguments)
+        if self.lanes > 1 and name in _MATHEMATICS:
+            self.called.add((f"lanes_{name}", False))
+            return Value("float", self.value(f"call {t} @{self.prefix}lanes_{name}({given})"))
         if name == "tanh" and not wide:
             return Value("float", self.value(f"call double @tanh({given})"))
-        kind = f"v{wide}f64" if wide else "f64"
-        return Value("float", self.value(f"call {_FAST} {t} @llvm.{name}.{kind}({given})"), wide)
+        return Value("float", self.value(f"call {_FAST} {t} @llvm.{name}.{self.kind(wide)}({given})"), wide)
+
+    # The bits of numbers, for the functions of lanes
+    def _bits(self, x: str) -> tuple[str, str, str]:
+        t, of = self.type("float"), f"<{self.lanes} x i64>"
+        return t, of, self.value(f"bitcast {t} {x} to {of}")
+
+    def _number(self, bits: str) -> Value:
+        return Value("float", self.value(f"bitcast <{self.lanes} x i64> {bits} to {self.type('float')}"))
+
+    def _power_of_two(self, k: str) -> Value:
+        """2**k of whole k from -1022 to 1023: k + 1023 stands in the last bits of a sum with 1.5 * 2**52."""
+        shifted = self.value(f"fadd {self.type('float')} {k}, splat (double {number(1.5 * 2**52 + 1023)})")
+        _, of, bits = self._bits(shifted)
+        return self._number(self.value(f"shl {of} {bits}, splat (i64 52)"))
+
+    def _above_half(self, x: str) -> tuple[str, str, str]:
+        """The bits of x less those of sqrt(1/2): their upper twelve count the powers of two between."""
+        _, of, bits = self._bits(x)
+        return of, bits, self.value(f"sub {of} {bits}, splat (i64 {_ROOT_HALF})")
+
+    def _exponent_of(self, x: str) -> Value:
+        """k of x = m 2**k with m from sqrt(1/2) to sqrt(2), for normal positive x."""
+        of, _, above = self._above_half(x)
+        k = self.value(f"ashr {of} {above}, splat (i64 52)")
+        magic = 1.5 * 2.0**52
+        shifted = self._number(self.value(f"add {of} {k}, splat (i64 {_integer(magic)})"))
+        t = self.type("float")
+        return Value("float", self.value(f"fsub {t} {shifted.name}, splat (double {number(magic)})"))
+
+    def _fraction_of(self, x: str) -> Value:
+        """m of x = m 2**k with m from sqrt(1/2) to sqrt(2), for normal positive x."""
+        of, bits, above = self._above_half(x)
+        k = self.value(f"and {of} {above}, splat (i64 {-(1 << 52)})")
+        return self._number(self.value(f"sub {of} {bits}, {k}"))
+
+    def _product_error(self, a: str, b: str, p: str) -> Value:
+        """a b - p for p near a b, exactly: fused where the processor can, else by halves (Dekker, 1971)."""
+        t = self.type("float")
+        if self.fma:
+            minus = self.value(f"fneg {t} {p}")
+            return Value("float", self.value(f"call {t} @llvm.fma.{self.kind()}({t} {a}, {t} {b}, {t} {minus})"))
+
+        def op(name: str, x: str, y: str) -> str:
+            return self.value(f"{name} {t} {x}, {y}")
+
+        def halves(x: str) -> tuple[str, str]:
+            big = op("fmul", x, f"splat (double {number(134217729.0)})")
+            high = op("fsub", big, op("fsub", big, x))
+            return high, op("fsub", x, high)
+
+        (a1, a2), (b1, b2) = halves(a), halves(b)
+        e = op("fsub", op("fmul", a1, b1), p)
+        e = op("fadd", op("fadd", e, op("fmul", a1, b2)), op("fmul", a2, b1))
+        return Value("float", op("fadd", e, op("fmul", a2, b2)))
 
     # Conversions
     def cast(self, v: Value, to: str | Array) -> Value:
         """The value as another type."""
         if v.type == to or isinstance(to, Array):
             return v
+        if to == "float" and v.type == "number":
+            return Value("float", self._broadcast(v.name, self.lanes))
         if to == "float" and v.type == "int":
             if v.name.lstrip("-").isdigit():
-                return self.splat(number(float(v.name)))
-            scalar = self.value(f"sitofp i64 {v.name} to double")
-            return Value("float", scalar)
+                return self.cast(self.splat(number(float(v.name))), to)
+            return self.cast(self.splat(self.value(f"sitofp i64 {v.name} to double")), to)
         if to == "condition" and v.type == "int":
             return Value(to, self.value(f"icmp ne i64 {v.name}, 0"))
-        if to in ("bool", "condition") and v.type in ("bool", "condition"):
+        if self.lanes > 1 and (to, v.type) == ("bool", "condition"):
+            if v.name in ("true", "false"):
+                return Value(to, f"splat (i1 {v.name})")
+            t = self.type("bool")
+            first = self.value(f"insertelement {t} poison, i1 {v.name}, i64 0")
+            same = f"shufflevector {t} {first}, {t} poison, <{self.lanes} x i32> zeroinitializer"
+            return Value(to, self.value(same))
+        if to in ("bool", "condition") and v.type in ("bool", "condition") and self.lanes == 1:
             return Value(to, v.name, v.wide)
         raise UnsupportedTextError(f"{v.type} as {to} in {self.node.name}")
 
@@ -630,6 +842,18 @@ def _is_k(e: ast.expr) -> bool:
     return isinstance(e, ast.Name) and e.id == "k"
 
 
+def _asks_k(s: ast.stmt) -> bool:
+    """Whether a statement compares k, so that it must be known."""
+    return any(isinstance(n, ast.Compare) and _is_k(n.left) for n in ast.walk(s))
+
+
+def _integer(value: float) -> int:
+    return int(struct.unpack("<q", struct.pack("<d", value))[0])
+
+
+_ROOT_HALF = _integer(math.sqrt(0.5))
+
+
 def _mentions(e: ast.expr, name: str) -> bool:
     return any(isinstance(n, ast.Name) and n.id == name for n in ast.walk(e))
 
@@ -641,17 +865,15 @@ def _as_load(target: ast.expr) -> ast.expr:
     return ast.Name(target.id, ast.Load())
 
 
-def assemble(text: str, prefix: str, entries: Iterable[str]) -> str:
+def assemble(text: str, prefix: str, entries: Iterable[str], lanes: int = 1, fma: bool = True) -> str:
     """LLVM's language for the entry functions of a text and what they call; names get the prefix."""
     module = read(text)
-    external, wanted = set(entries), list(entries)
-    for name in wanted:  # grows while it is walked
-        for node in ast.walk(module.functions[name]):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-                called = node.func.id
-                if called in module.functions and called not in wanted:
-                    wanted.append(called)
-    parts = [Writer(module, name, prefix, name in external).function() for name in wanted]
+    external, wanted = set(entries), [(name, False) for name in entries]
+    parts = []
+    for name, masked in wanted:  # grows while it is walked
+        writer = Writer(module, name, prefix, external=name in external, lanes=lanes, masked=masked, fma=fma)
+        parts.append(writer.function())
+        wanted += sorted(writer.called - set(wanted))
     body = "\n\n".join(parts)
     declared = sorted(set(_INTRINSIC.findall(body)))
     return "\n".join([*(_declaration(name) for name in declared), body])
@@ -665,7 +887,9 @@ def _declaration(name: str) -> str:
         return "declare double @tanh(double) nounwind"
     kind = name.rsplit(".", 1)[1]
     t = "double" if kind == "f64" else f"<{kind[1:-3]} x double>"
+    if ".reduce.or." in name:
+        return f"declare i1 @{name}(<{kind[1:-2]} x i1>)"
     if ".reduce." in name:
         return f"declare double @{name}({t})"
-    many = 3 if ".fmuladd." in name else 2 if ".pow." in name else 1
+    many = 3 if ".fmuladd." in name or ".fma." in name else 2 if ".pow." in name else 1
     return f"declare {t} @{name}({', '.join([t] * many)})"

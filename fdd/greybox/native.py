@@ -19,11 +19,11 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 
-from fdd.greybox import machine
+from fdd.greybox import lanes, machine
 from fdd.greybox.machine import Array
 
 LEVEL = 2
-FORMAT = 3  # raise when the same text is compiled to other code
+FORMAT = 4  # raise when the same text is compiled to other code
 _modules: dict[str, types.ModuleType] = {}
 _ITEMS = {"float": np.dtype(np.float64), "int": np.dtype(np.int64), "flag": np.dtype(np.bool_)}
 _SCALARS: dict[str, Any] = {"float": ctypes.c_double, "int": ctypes.c_int64, "none": None}
@@ -51,15 +51,23 @@ def target() -> str:
     return f"{llvm.llvm_version_info} {llvm.get_process_triple()} {llvm.get_host_cpu_name()} {features} {LEVEL}"
 
 
-def module(text: str, entries: Sequence[str], folder: Path) -> types.ModuleType:
+@functools.cache
+def width() -> int:
+    """How many components a lane kernel steps at once on this processor."""
+    return lanes.width(llvm.get_host_cpu_features())
+
+
+def module(text: str, entries: Sequence[str], folder: Path, wide: int = 1) -> types.ModuleType:
     """The entry functions and constants of a kernel text, compiled or taken from ``folder``.
 
-    Functions take arrays of the annotated kinds, C-contiguous, and numbers.
+    Functions take arrays of the annotated kinds, C-contiguous, and numbers. Compiled for ``wide`` lanes, a float is a
+    vector of so many.
     """
-    key = hashlib.sha256(f"{FORMAT} {target()} {' '.join(entries)} {text}".encode()).hexdigest()[:24]
+    text = text + lanes.text() if wide > 1 else text
+    key = hashlib.sha256(f"{FORMAT} {target()} {wide} {' '.join(entries)} {text}".encode()).hexdigest()[:24]
     if key in _modules:
         return _modules[key]
-    code = _object(text, key, entries, folder)
+    code = _object(text, key, entries, folder, wide)
     engine = _engine()
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
@@ -73,14 +81,14 @@ def module(text: str, entries: Sequence[str], folder: Path) -> types.ModuleType:
     return made
 
 
-def _object(text: str, key: str, entries: Sequence[str], folder: Path) -> bytes:
+def _object(text: str, key: str, entries: Sequence[str], folder: Path, wide: int = 1) -> bytes:
     path = folder / f"fdd_kernel_{key}.o"
     code = _stored(path)
     if code is not None:
         return code
     with _alone(folder / f"fdd_kernel_{key}.lock"):
         if (code := _stored(path)) is None:
-            made = compiled(text, f"k{key}_", entries)
+            made = compiled(text, f"k{key}_", entries, wide)
             with tempfile.NamedTemporaryFile(dir=folder, suffix=".tmp", delete=False) as file:
                 file.write(hashlib.sha256(made).digest() + made)
             Path(file.name).replace(path)
@@ -112,10 +120,11 @@ def _alone(path: Path) -> Iterator[None]:
         yield
 
 
-def compiled(text: str, prefix: str, entries: Sequence[str]) -> bytes:
+def compiled(text: str, prefix: str, entries: Sequence[str], wide: int = 1) -> bytes:
     """Object file of the entry functions of a text."""
     machine_ = _target_machine()
-    code = llvm.parse_assembly(machine.assemble(text, prefix, entries))
+    fma = lanes.fuses(llvm.get_host_cpu_features(), llvm.get_process_triple())
+    code = llvm.parse_assembly(machine.assemble(text, prefix, entries, wide, fma))
     code.triple = machine_.triple
     code.data_layout = str(machine_.target_data)
     code.verify()
@@ -123,6 +132,10 @@ def compiled(text: str, prefix: str, entries: Sequence[str]) -> bytes:
     options.loop_vectorization, options.slp_vectorization = False, False
     builder = llvm.create_pass_builder(machine_, options)
     builder.getModulePassManager().run(code, builder)
+    return _emitted(machine_, code)
+
+
+def _emitted(machine_: Any, code: Any) -> bytes:
     return bytes(machine_.emit_object(code))
 
 

@@ -313,86 +313,93 @@ _FINISH = """for i in range(NP):
             info[i, j] = w[INFO + i * K + j]"""
 
 _BANK = '''def bank(
-    n: int, dt: array, u: rows[NU], y: rows[NY], active: flags, c: rows[NC], W: rows[PERSISTENT], w: array,
-    out: rows[4 * NY], want: int, scale: rows[NP], score: rows[NP], info: rows[NP, NP], status: integers
+    n: int, dt: each, u: each[NU], y: each[NY], active: flags, c: rows[NC], W: rows[PERSISTENT], w: array,
+    out: each[4 * NY], want: int, scale: each[NP], score: each[NP], info: each[NP, NP], status: integers
 ):
-    """One sample of every active component; a row that fails says why and starts again, the others go on."""
-    for r in range(n):
-        for j in range(4 * NY):
-            out[r, j] = nan
-        if want:
-            for i in range(NP):
-                score[r, i] = 0.0
-                for j in range(NP):
-                    info[r, i, j] = 0.0
-        if not active[r]:
-            status[r] = 1
-        else:
-            code = bank_row(dt[r], u[r], y[r], c[r], W[r], w, out[r])
-            status[r] = code
-            if code == 6 or code == 7 or code == 8:
-                for j in range(4 * NY):
-                    out[r, j] = nan
-                W[r, STARTED] = 0.0
-            elif want and (code == 0 or code == 5):
-                judge(w, out[r], scale[r], score[r], info[r])
+    """One sample of every active component; a row that fails says why and starts again, the others go on.
 
-
-def bank_row(dt: float, u: array, y: array, c: array, row: array, w: array, o: array) -> int:
-    code = 0
-    for i in range(PERSISTENT):
-        w[i] = row[i]
-    if w[STARTED] == 0.0:
-        start(w, c, u, y)
-        code = 2
+    Components are taken LANES at a time (n is a multiple of it), and what one computes is the same in every lane.
+    """
+    for b in range(n // LANES):
+        r = b * LANES
+        for i in range(PERSISTENT):
+            w[i] = W[b, i]
+        for i in range(NY):
+            w[YNOW + i] = y[r, i]
+        on = active[r]
+        new = on and w[STARTED] == 0.0
+        h = dt[r]
+        late = not (h > 0.0 and h < inf)
+        going = on and not new and not late
+        code = 0.0 if on else 1.0
+        code = 4.0 if on and not new and late else code
+        known = new
+        for i in range(NU):
+            x = u[r, i]
+            known = known and fabs(x) < inf
+            code = 5.0 if going and not (fabs(x) < inf) else code
+            w[UNOW + i] = w[UPREV + i] if going and not (fabs(x) < inf) else x
+        steps = predict(w, c[b], h, w[UPREV : UPREV + NU], w[UNOW : UNOW + NU], 0.0 if going else -1.0)
+        code = 8.0 if going and steps < 0.0 else code
+        if new:
+            start(w, c[b], w[UNOW : UNOW + NU], w[YNOW : YNOW + NY])
+            w[STARTED] = 1.0
         for i in range(N):
-            if not (fabs(w[X + i]) < inf):
-                return 3
+            known = known and fabs(w[X + i]) < inf
+        code = (2.0 if known else 3.0) if new else code
         for i in range(NU):
-            if not (fabs(u[i]) < inf):
-                return 3
-            w[UPREV + i] = u[i]
-        w[STARTED] = 1.0
-        if update(w, c, u, y, o) != 0:
-            return 7
+            w[UPREV + i] = w[UNOW + i]
+        bad = update(w, c[b], w[UNOW : UNOW + NU], w[YNOW : YNOW + NY], w[OUT : OUT + 4 * NY])
+        running = code == 0.0 or code == 2.0 or code == 5.0
+        code = 7.0 if running and not (bad == 0.0) else code
+        running = running and bad == 0.0
+        for i in range(STARTED):
+            code = 6.0 if running and not (fabs(w[i]) < inf) else code
+        running = running and not (code == 6.0)
+        if code > 5.5:
+            w[STARTED] = 0.0
+            W[b, STARTED] = 0.0
+        if running:
+            save(W[b], w)
+        status[r] = code
+        seen = running and not (code == 2.0)
         for j in range(4 * NY):
-            o[j] = nan
-    else:
-        if not (dt > 0.0 and dt < inf):
-            return 4
-        for i in range(NU):
-            if not (fabs(u[i]) < inf):
-                u[i] = w[UPREV + i]
-                code = 5
-        if predict(w, c, dt, w[UPREV : UPREV + NU], u, 0.0) < 0.0:
-            return 8
-        for i in range(NU):
-            w[UPREV + i] = u[i]
-        if update(w, c, u, y, o) != 0:
-            return 7
-    for i in range(STARTED):
-        if not (fabs(w[i]) < inf):
-            return 6
-    for i in range(PERSISTENT):
-        row[i] = w[i]
-    return code'''
+            out[r, j] = w[OUT + j] if seen else nan
+        if want:
+            SCORE
 
-_JUDGE = '''def judge(w: array, o: array, scale: array, score: array, info: rows[NP]):
-    """Score and information of this sample, on the scale of estimation."""
-    SCORE'''
+
+def save(row: array, w: array):
+    """Remember a step; a discretisation only where it is a new one."""
+    SAVE'''
+
+_SAVE_ALL = "for i in range(PERSISTENT):\n        row[i] = w[i]"
+_SAVE_EXACT = """for i in range(KEY):
+        row[i] = w[i]
+    same = row[KEY] == w[KEY]
+    for i in range(AD - KEY):
+        same = same and row[KEY + i] == w[KEY + i]
+    if not same:
+        for i in range(PERSISTENT - KEY):
+            row[KEY + i] = w[KEY + i]"""
 
 _SCORE = """for j in range(NY):
-        e = o[2 * NY + j]
-        if e == e:
-            v = 1.0 / o[3 * NY + j]
-            for k in range(NP):
-                d = w[DE + j * K + k] * scale[k]
-                w[DE + j * K + k] = d
-                score[k] -= d * (e * v)
+                e = w[OUT + 2 * NY + j]
+                w[GAIN + j] = e / w[OUT + 3 * NY + j] if seen and e == e else 0.0
+                w[WEIGHT + j] = 1.0 / w[OUT + 3 * NY + j] if seen and e == e else 0.0
+                for m in range(NP):
+                    w[DE + j * K + m] = w[DE + j * K + m] * scale[r, m] if seen and e == e else 0.0
+            for m in range(NP):
+                t = 0.0
+                for j in range(NY):
+                    t = t - w[DE + j * K + m] * w[GAIN + j]
+                score[r, m] = t
             for i in range(NP):
-                d_i = w[DE + j * K + i] * v
-                for k in range(NP):
-                    info[i, k] += d_i * w[DE + j * K + k]"""
+                for m in range(NP):
+                    t = 0.0
+                    for j in range(NY):
+                        t = t + w[DE + j * K + i] * w[WEIGHT + j] * w[DE + j * K + m]
+                    info[r, i, m] = t"""
 
 
 def discretise(tangents: bool) -> str:
@@ -403,7 +410,7 @@ def discretise(tangents: bool) -> str:
 
 
 def loops(tangents: bool, freezes: bool, robust: bool) -> str:
-    """The loop over a record and the loop over components."""
+    """The loop over a record."""
     run = _RUN.replace("PREDICT_STEP", _FROZEN_PREDICT.replace("WAKE", _WAKE if tangents else "frozen = 0")
                        if freezes else _FULL_PREDICT)  # fmt: skip
     run = run.replace("UPDATE_STEP", _FROZEN_UPDATE if freezes else _FULL_UPDATE)
@@ -414,7 +421,12 @@ def loops(tangents: bool, freezes: bool, robust: bool) -> str:
     run = run.replace("FINISH", (f"wake(w, want)\n    {_FINISH}" if freezes else _FINISH) if tangents else "pass")
     parts = [_SETTLED] if freezes else []
     parts += [_ACCUMULATORS, *([_HELD] if freezes else [])] if tangents else []
-    return "\n\n\n".join([*parts, run, _BANK, _JUDGE.replace("SCORE", _SCORE if tangents else "pass")])
+    return "\n\n\n".join([*parts, run])
+
+
+def bank(tangents: bool, exact: bool) -> str:
+    """The loop over components."""
+    return _BANK.replace("SCORE", _SCORE if tangents else "pass").replace("SAVE", _SAVE_EXACT if exact else _SAVE_ALL)
 
 
 _FULL_PREDICT = """n = predict(w, c, dt[s - 1], u[s - 1], u[s], nsub[s - 1])
@@ -422,8 +434,8 @@ _FULL_PREDICT = """n = predict(w, c, dt[s - 1], u[s - 1], u[s], nsub[s - 1])
                 return 8
             nsub[s - 1] = n"""
 _FULL_UPDATE = """status = update(w, c, u[s], y[s], out[s])
-        if status != 0:
-            return status"""
+        if status != 0.0:
+            return int(status)"""
 _HOLD = """if frozen:
                     w[HELD + j] += q
                     w[HELD + NY + j] += 1.0
@@ -452,8 +464,8 @@ _FROZEN_UPDATE = """if frozen:
             steady(w, c, u[s], y[s], out[s])
         else:
             status = update(w, c, u[s], y[s], out[s])
-            if status != 0:
-                return status
+            if status != 0.0:
+                return int(status)
             frozen = 1 if calm >= 2 else 0"""
 
 
