@@ -208,8 +208,6 @@ class Generator:
             parts.append(templates.discretise(tangents=self.K > 0))
         else:
             parts.append(templates.SUBSTEPS)
-        if self.K and self.freezes:
-            parts.append(templates.STEADY_TANGENTS)
         if self.variant.lanes:
             parts += [*functions, templates.bank(tangents=self.K > 0, exact=self.variant.method == "exact")]
         else:
@@ -554,18 +552,23 @@ class Generator:
             top, middle = self.scopes("u")
             scope = middle.inner({x.index: f"w[{i}]" for i, x in enumerate(s.x)}, f"v{j}_")
             expected = scope(s.h[j])
-            tangent: list[str] = []
-            if K:
-                rows = [f"w[{at['T'] + i * K} + k]" for i in range(n)]
-                body = self.tangents(scope, [-s.h[j]], s.x, rows, "d")
-                tangent = [f"for k in range({K}):", *indent([*body, f"w[{at['DE'] + j * K} + k] = d0"])]
+            tangent = self._steady_tangents(j, scope) if K else []
             lines += [*top.lines, *middle.lines, *scope.lines, f"e = y[{j}] - {_wrap(expected)}"]
-            lines += [f"o[{2 * q + j}] = e", f"i = 1.0 / o[{3 * q + j}]", "ei = e * i", *tangent]
-            if K:
-                where = f"{at['G'] + j * n}, {at['DG'] + j * n * K}, {at['DE'] + j * K}, {at['DS'] + j * K}"
-                lines.append(f"steady_tangents(w, {where}, i, ei)")
-            lines += [f"w[{i}] += w[{at['G'] + j * n + i}] * ei" for i in range(n)]
+            lines += [f"o[{2 * q + j}] = e", f"i = 1.0 / o[{3 * q + j}]", "ei = e * i"]
+            lines += [f"g{i} = w[{at['G'] + j * n + i}]" for i in range(n)]
+            lines += [*tangent, *(f"w[{i}] += g{i} * ei" for i in range(n))]
         return "\n".join(["def steady(w: array, c: array, u: array, y: array, o: array):", *indent(lines or ["pass"])])
+
+    def _steady_tangents(self, j: int, scope: Scope) -> list[str]:
+        """Tangents of e and of x + g e / s from those of x, g and s."""
+        n, K, at = self.n, self.K, self.at
+        body = [f"r{a} = w[{at['T'] + a * K} + k]" for a in range(n)]
+        body += self.tangents(scope, [-self.s.h[j]], self.s.x, [f"r{a}" for a in range(n)], "d")
+        body += [f"w[{at['DE'] + j * K} + k] = d0", f"d = d0 - w[{at['DS'] + j * K} + k] * ei"]
+        for a in range(n):
+            gain = f"w[{at['DG'] + (j * n + a) * K} + k]"
+            body.append(f"w[{at['T'] + a * K} + k] = r{a} + ei * {gain} + f{a} * d")
+        return [*(f"f{a} = g{a} * i" for a in range(n)), f"for k in range({K}):", *indent(body)]
 
     def _variance(self, H: Sequence[Expr], r: Expr) -> Expr:
         n = self.n

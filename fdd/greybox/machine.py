@@ -28,7 +28,7 @@ _BITS = {"power_of_two", "exponent_of", "fraction_of", "product_error"}  # what 
 _BINARY = {ast.Add: ("fadd", "add"), ast.Sub: ("fsub", "sub"), ast.Mult: ("fmul", "mul")}
 _COMPARE = {ast.Lt: ("olt", "slt"), ast.LtE: ("ole", "sle"), ast.Gt: ("ogt", "sgt"), ast.GtE: ("oge", "sge"),
             ast.Eq: ("oeq", "eq"), ast.NotEq: ("une", "ne")}  # fmt: skip
-WIDTHS = (8, 4, 2, 1)
+WIDTHS = (16, 8, 4, 2, 1)
 
 
 class UnsupportedTextError(ValueError):

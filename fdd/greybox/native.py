@@ -23,7 +23,7 @@ from fdd.greybox import lanes, machine
 from fdd.greybox.machine import Array
 
 LEVEL = 2
-FORMAT = 4  # raise when the same text is compiled to other code
+FORMAT = 5  # raise when the same text is compiled to other code
 _modules: dict[str, types.ModuleType] = {}
 _ITEMS = {"float": np.dtype(np.float64), "int": np.dtype(np.int64), "flag": np.dtype(np.bool_)}
 _SCALARS: dict[str, Any] = {"float": ctypes.c_double, "int": ctypes.c_int64, "none": None}

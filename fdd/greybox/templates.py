@@ -467,12 +467,3 @@ _FROZEN_UPDATE = """if frozen:
             if status != 0.0:
                 return int(status)
             frozen = 1 if calm >= 2 else 0"""
-
-
-STEADY_TANGENTS = '''def steady_tangents(w: array, g: int, dg: int, de: int, ds: int, i: float, ei: float):
-    """Tangents of x + g e / s from those of g, e and s; i = 1 / s, ei = e / s."""
-    for k in range(K):
-        e = w[de + k]
-        s = w[ds + k] * ei
-        for a in range(N):
-            w[T + a * K + k] += ei * w[dg + a * K + k] + w[g + a] * i * (e - s)'''
