@@ -1,17 +1,19 @@
-"""What makes a crash harmless: a journal of what came in, and now and then the whole state, in one SQLite file.
+"""What makes a crash harmless: a journal of what came in, in SQLite, and beside it now and then the whole state.
 
 Every batch, every operator's command and every change of baselines is journaled before the engine sees it. A checkpoint
-replaces the state and empties the journal in one transaction. After a crash the engine is restored from the checkpoint
-and steps through the journal again; outputs are keyed by event time, so writing them again changes nothing.
+is a file that replaces the one before in one step; it says up to which entry of the journal it goes, and these entries
+are deleted after it is safe on disk. After a crash the engine is restored from the last whole checkpoint and steps
+through what was journaled after it; outputs are keyed by event time, so writing them again changes nothing.
 """
 
 from __future__ import annotations
 
 import io
 import json
+import os
 import sqlite3
-import threading
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +23,7 @@ import numpy as np
 from fdd.records import Baseline, Batch, JsonObject
 from fdd.service.alarms import Command
 
-SCHEMA = 2
+SCHEMA = 3
 # Pages that may wait in the write-ahead log (80 MB) before a commit has to copy them itself.
 MOST_PAGES = 20_000
 TRIES = 5
@@ -78,35 +80,32 @@ def _decode_batch(data: bytes) -> Batch:
 
 
 class Checkpoint:
-    """The state file of one daemon.
+    """The state of one daemon: the journal at ``path``, the last checkpoint beside it in ``path.saved``.
 
-    A thread copies the write-ahead log into the file after every save: that waits for the disk, and frames must not.
+    Checkpoints are written by a thread: frames do not wait for megabytes to reach the disk.
+
+    Raises
+    ------
+    CheckpointError
+        Another version of the program wrote the file.
     """
 
     def __init__(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._db = sqlite3.connect(path, isolation_level=None)
-        self._db.execute("pragma journal_mode = wal")
-        self._db.execute("pragma synchronous = normal")
-        self._db.execute(f"pragma wal_autocheckpoint = {MOST_PAGES}")
-        self._db.execute("create table if not exists checkpoint (id integer primary key, schema integer, state blob)")
-        self._db.execute("create table if not exists journal (n integer primary key, kind text, entry blob)")
-        self._saved, self._closing = threading.Event(), False
-        self._copier = threading.Thread(target=self._copy, args=(path,), daemon=True, name="checkpoint")
-        self._copier.start()
-
-    def _copy(self, path: Path) -> None:
-        link = sqlite3.connect(path, isolation_level=None)
-        while True:
-            self._saved.wait()
-            self._saved.clear()
-            if self._closing:
-                break
-            for _ in range(TRIES):  # what is journaled meanwhile is copied by the next turn
-                _, pages, copied = link.execute("pragma wal_checkpoint(passive)").fetchone()
-                if pages == copied:
-                    break
-        link.close()
+        self._file = files_of(path)[1]
+        self._db, self._eraser = _connection(path), _connection(path)
+        if self._db.execute("select 1 from sqlite_master where name = 'checkpoint'").fetchone():
+            raise _of_another_version(path, "one below 3")  # up to 2 the state was in a table of this file
+        self._db.execute("create table if not exists schema (id integer primary key, version integer)")
+        self._db.execute("insert or ignore into schema values (1, ?)", (SCHEMA,))
+        # Numbers never come again, also after everything was deleted: a checkpoint counts by them.
+        self._db.execute(
+            "create table if not exists journal (n integer primary key autoincrement, kind text, entry blob)"
+        )
+        row = self._db.execute("select seq from sqlite_sequence where name = 'journal'").fetchone()
+        self._last: int = row[0] if row else 0
+        self._writer = ThreadPoolExecutor(1, "checkpoint")
+        self._writing: Future[None] | None = None
 
     def load(self) -> JsonObject | None:
         """The last state saved, or None in a new file.
@@ -116,18 +115,24 @@ class Checkpoint:
         CheckpointError
             Another version of the program wrote it in another form.
         """
-        row = self._db.execute("select schema, state from checkpoint where id = 1").fetchone()
-        if row is None:
-            return None
-        if row[0] != SCHEMA:
-            raise CheckpointError(
-                f"the state file has schema {row[0]}, this version reads {SCHEMA}; move the file away to start afresh"
-            )
-        return decode(row[1])
+        found = self._saved()
+        return None if found is None else found["state"]
+
+    def _saved(self) -> JsonObject | None:
+        self._settle()
+        (version,) = self._db.execute("select version from schema where id = 1").fetchone()
+        found = decode(self._file.read_bytes()) if self._file.exists() else None
+        for schema in (version, SCHEMA if found is None else found["schema"]):
+            if schema != SCHEMA:
+                raise _of_another_version(self._file, schema)
+        return found
 
     def entries(self) -> Iterator[Batch | Command | Rebase]:
         """What was journaled since the last state was saved, in order."""
-        for kind, entry in self._db.execute("select kind, entry from journal order by n").fetchall():
+        found = self._saved()
+        after = 0 if found is None else found["journaled"]
+        rows = self._db.execute("select kind, entry from journal where n > ? order by n", (after,)).fetchall()
+        for kind, entry in rows:
             match kind:
                 case "batch":
                     yield _decode_batch(entry)
@@ -144,20 +149,66 @@ class Checkpoint:
             row = ("rebase", json.dumps([asdict(b) for b in entry.baselines]).encode())
         else:
             row = ("command", json.dumps(asdict(entry)).encode())
-        self._db.execute("insert into journal (kind, entry) values (?, ?)", row)
+        self._last = int(self._db.execute("insert into journal (kind, entry) values (?, ?)", row).lastrowid or 0)
 
     def save(self, state: JsonObject) -> None:
-        """Replace the state and empty the journal, both or neither."""
-        data = encode(state)
-        self._db.execute("begin immediate")
-        self._db.execute("insert or replace into checkpoint values (1, ?, ?)", (SCHEMA, data))
-        self._db.execute("delete from journal")
-        self._db.execute("commit")
-        self._saved.set()
+        """Replace the state by this one, as it is now, and forget what was journaled before, both or neither.
+
+        Returns before it is on disk; what went wrong there is raised by the next call.
+        """
+        self._settle()
+        data = encode({"schema": SCHEMA, "journaled": self._last, "state": state})
+        self._writing = self._writer.submit(self._write, data, self._last)
+
+    def _write(self, data: bytes, journaled: int) -> None:
+        new = self._file.with_name(f"{self._file.name}.new")
+        with new.open("wb") as out:
+            out.write(data)
+            out.flush()
+            os.fsync(out.fileno())
+        new.replace(self._file)
+        folder = os.open(self._file.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)  # a journal may be shortened only once the new name is safe, too
+        finally:
+            os.close(folder)
+        self._eraser.execute("delete from journal where n <= ?", (journaled,))
+        for _ in range(TRIES):  # what is journaled meanwhile is copied by the next turn
+            _, pages, copied = self._eraser.execute("pragma wal_checkpoint(passive)").fetchone()
+            if pages == copied:
+                break
+
+    def _settle(self) -> None:
+        """Wait for the checkpoint that is being written."""
+        if self._writing is not None:
+            self._writing.result()
+            self._writing = None
 
     def close(self) -> None:
-        """Close the file."""
-        self._closing = True
-        self._saved.set()
-        self._copier.join()
-        self._db.close()
+        """Wait for what is being written, and close the files."""
+        try:
+            self._settle()
+        finally:
+            self._writer.shutdown()
+            self._db.close()
+            self._eraser.close()
+
+
+def _of_another_version(file: Path, schema: object) -> CheckpointError:
+    return CheckpointError(
+        f"the state file {file} has schema {schema}, this version reads {SCHEMA}; move the file away, or start with "
+        "--fresh"
+    )
+
+
+def files_of(path: Path) -> tuple[Path, ...]:
+    """Every file of a daemon's state, the journal's first and the checkpoint's second."""
+    return tuple(Path(f"{path}{suffix}") for suffix in ("", ".saved", ".saved.new", "-wal", "-shm"))
+
+
+def _connection(path: Path) -> sqlite3.Connection:
+    link = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+    link.execute("pragma journal_mode = wal")
+    link.execute("pragma synchronous = normal")
+    link.execute(f"pragma wal_autocheckpoint = {MOST_PAGES}")
+    return link

@@ -12,7 +12,7 @@ import structlog
 from fdd.config import Site
 from fdd.records import JsonObject
 from fdd.service import systemd
-from fdd.service.checkpoint import Checkpoint
+from fdd.service.checkpoint import Checkpoint, files_of
 from fdd.service.commands import Desk
 from fdd.service.daemon import Daemon
 from fdd.service.errors import UsageError
@@ -38,8 +38,8 @@ def run_site(site_file: Path, *, until_end: bool, fresh: bool) -> Daemon:
     _configure_log()
     opened = _with_sources(site_file)
     if fresh:
-        for suffix in ("", "-wal", "-shm"):
-            Path(f"{opened.checkpoint_path}{suffix}").unlink(missing_ok=True)
+        for file in files_of(opened.checkpoint_path):
+            file.unlink(missing_ok=True)
     engine = ready_engine(opened)
     checkpoint, store = Checkpoint(opened.checkpoint_path), opened.store()
     metrics = _metrics(opened)

@@ -10,7 +10,7 @@ import pytest
 
 from fdd.records import Batch, Quality, Sample
 from fdd.service.alarms import Command
-from fdd.service.checkpoint import Checkpoint, CheckpointError, decode, encode
+from fdd.service.checkpoint import Checkpoint, CheckpointError, decode, encode, files_of
 
 
 def test_state_keeps_every_bit_of_its_arrays() -> None:
@@ -54,10 +54,79 @@ def test_saving_empties_the_journal(tmp_path: Path) -> None:
     assert checkpoint.load() == {"x": 1}
 
 
+def test_entries_have_numbers_of_their_own_after_the_journal_was_emptied(tmp_path: Path) -> None:
+    first = Checkpoint(tmp_path / "state.sqlite")
+    first.journal(Batch.of([Sample("p", 5, 1.0)]))
+    first.save({"x": 1})
+    first.close()
+    again = Checkpoint(tmp_path / "state.sqlite")
+    again.journal(Batch.of([Sample("p", 6, 1.0)]))
+    assert [b.time.tolist() for b in again.entries() if isinstance(b, Batch)] == [[6]]
+    again.save({"x": 2})
+    again.journal(Batch.of([Sample("p", 7, 1.0)]))
+    again.close()
+    third = Checkpoint(tmp_path / "state.sqlite")
+    assert third.load() == {"x": 2}
+    assert [b.time.tolist() for b in third.entries() if isinstance(b, Batch)] == [[7]]
+
+
+@pytest.mark.parametrize("lost", ["before the new state is whole", "before the journal is shortened"])
+def test_a_crash_while_saving_leaves_one_state_with_what_was_journaled_after_it(tmp_path: Path, lost: str) -> None:
+    path = tmp_path / "state.sqlite"
+    running = Checkpoint(path)
+    running.journal(Batch.of([Sample("p", 5, 1.0)]))
+    running.save({"x": 1})
+    assert running.load() == {"x": 1}
+    running.journal(Batch.of([Sample("p", 6, 1.0)]))
+    before = {f: f.read_bytes() for f in files_of(path) if f.exists()}
+    running.save({"x": 2})
+    running.close()
+    _, saved, torn, *_ = files_of(path)
+    whole = saved.read_bytes()
+    for f in files_of(path):
+        f.unlink(missing_ok=True)
+    for f, content in before.items():
+        f.write_bytes(content)
+    if lost == "before the new state is whole":
+        torn.write_bytes(whole[: len(whole) // 2])
+        state, times = {"x": 1}, [[6]]
+    else:
+        saved.write_bytes(whole)
+        state, times = {"x": 2}, []
+    after = Checkpoint(path)
+    assert after.load() == state
+    assert [b.time.tolist() for b in after.entries() if isinstance(b, Batch)] == times
+
+
+def test_a_state_is_saved_as_it_was_when_it_was_given(tmp_path: Path) -> None:
+    checkpoint, x = Checkpoint(tmp_path / "state.sqlite"), np.zeros(100_000)
+    checkpoint.save({"x": x})
+    x[:] = 1.0
+    found = checkpoint.load()
+    assert found is not None
+    assert not found["x"].any()
+
+
+def test_a_disk_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    checkpoint = Checkpoint(tmp_path / "state.sqlite")
+    files_of(tmp_path / "state.sqlite")[2].mkdir()
+    checkpoint.save({"x": 1})
+    with pytest.raises(OSError, match="saved"):
+        checkpoint.save({"x": 2})
+
+
 def test_state_of_another_schema_is_refused_with_a_remedy(tmp_path: Path) -> None:
     path = tmp_path / "state.sqlite"
     Checkpoint(path).save({"x": 1})
     with sqlite3.connect(path) as db:
-        db.execute("update checkpoint set schema = 99")
+        db.execute("update schema set version = 99")
     with pytest.raises(CheckpointError, match="move the file away"):
         Checkpoint(path).load()
+
+
+def test_state_file_of_the_first_versions_is_refused_too(tmp_path: Path) -> None:
+    with sqlite3.connect(tmp_path / "state.sqlite") as db:
+        db.execute("create table checkpoint (id integer primary key, schema integer, state blob)")
+        db.execute("create table journal (n integer primary key, kind text, entry blob)")
+    with pytest.raises(CheckpointError, match="move the file away"):
+        Checkpoint(tmp_path / "state.sqlite")
