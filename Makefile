@@ -25,7 +25,7 @@ test: $(READY)   ## Run the default test suite
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 test-slow: $(READY)  ## Run the slow statistical tests as well
-	$(BIN)/python -m pytest -m slow --timeout 1800
+	$(BIN)/python -m pytest -m "slow and not integration" -n 2 --dist loadfile --timeout 1800
 
 test-integration: $(READY)  ## Run the tests against real servers
 	$(BIN)/python -m pytest -m integration --timeout 1800
