@@ -1,7 +1,8 @@
 """Other filters for the same model: unscented and iterated extended, and the extended one in plain matrices.
 
-They run the model's own Python functions in NumPy, independent of tracer and kernels: hundreds of times slower, without
-derivatives. Use them to see whether linearisation matters for a model at its estimates, and as an oracle.
+They run the model's own Python functions in NumPy, independent of tracer and kernels: hundreds of times slower, with
+derivatives by differences. Use them to see whether linearisation matters for a model, at its estimates (``filtered``)
+or in its estimates (``estimated``), and as an oracle.
 """
 
 from __future__ import annotations
@@ -15,7 +16,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.greybox.likelihood import Data
+from fdd.greybox.fit import scale_bounds, scale_unit
+from fdd.greybox.likelihood import Data, chain, from_scale, to_scale
+from fdd.greybox.results import FitResult, invert
+from fdd.greybox.trust import minimise
 from fdd.models.declare import ComponentModel
 
 FloatArray = NDArray[np.float64]
@@ -60,6 +64,77 @@ def filtered(
             covariance[k][np.ix_(seen, seen)] = S
         states[k] = x
     return Filtered(float(total), innovation, covariance, states)
+
+
+@dataclass(frozen=True, slots=True)
+class Estimated:
+    """Estimates by another filter: values and standard errors (Fisher) by symbol, log-likelihood, and how it ended."""
+
+    kind: Kind
+    params: dict[str, float]
+    bse: dict[str, float]
+    llf: float
+    converged: bool
+    reason: str
+
+
+def estimated(
+    model: ComponentModel, data: Data, kind: Kind, *, start: FitResult, substeps: int = 4, iterations: int = 8
+) -> Estimated:
+    """Maximum likelihood by another filter, from the estimates of the extended one; what was fixed there stays so.
+
+    The same trust region as :func:`fdd.greybox.fit.fit`, on central differences of innovations and their covariances:
+    2 k + 1 filter runs an evaluation for k free parameters.
+    """
+    rows = [(i, q) for i, q in enumerate(model.parameters) if q.symbol in start.free]
+    bounds = np.array([scale_bounds(q) for _, q in rows])
+
+    def natural(theta: FloatArray) -> FloatArray:
+        values = start.values.copy()
+        for (i, q), t in zip(rows, theta, strict=True):
+            values[i] = from_scale(q, float(t))
+        return values
+
+    def run(theta: FloatArray) -> Filtered:
+        return filtered(model, data, natural(theta), kind, substeps=substeps, iterations=iterations)
+
+    def objective(theta: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        steps = 1e-4 * np.eye(len(theta))
+        try:
+            ends = [(run(theta + h), run(theta - h)) for h in steps]
+            value = run(theta)
+        except np.linalg.LinAlgError:
+            return math.inf, np.zeros(len(theta)), np.eye(len(theta))
+        gradient = np.array([(a.value - b.value) / 2e-4 for a, b in ends])
+        de = np.array([(a.innovation - b.innovation) / 2e-4 for a, b in ends])
+        dS = np.array([(a.covariance - b.covariance) / 2e-4 for a, b in ends])
+        return value.value, gradient, _fisher(value.covariance, de, dS)
+
+    theta = np.array([to_scale(q, start.params[q.symbol]) for _, q in rows])
+    units = np.array([scale_unit(q) for _, q in rows])
+    found = minimise(objective, theta, bounds[:, 0], bounds[:, 1], scale=units, radius=0.3, tolerance=1e-5, most=40)
+    names = [q.symbol for _, q in rows]
+    on_bound = (found.theta <= bounds[:, 0]) | (found.theta >= bounds[:, 1])
+    covariance, lost = invert(found.information, on_bound, names)
+    values = natural(found.theta)
+    errors = np.sqrt(np.diag(covariance)) * chain(model, values)[[i for i, _ in rows]]
+    bse = {n: math.nan if n in lost or b else float(e) for n, e, b in zip(names, errors, on_bound, strict=True)}
+    params = {q.symbol: float(v) for q, v in zip(model.parameters, values, strict=True)}
+    return Estimated(kind, params, bse, -found.value, found.converged, found.reason)
+
+
+def _fisher(S: FloatArray, de: FloatArray, dS: FloatArray) -> FloatArray:
+    """Sum of de' S^-1 de + tr(S^-1 dS S^-1 dS) / 2 over the samples; de (k, N, q), S (N, q, q), dS (k, N, q, q)."""
+    k = len(de)
+    out = np.zeros((k, k))
+    for t in range(len(S)):
+        seen = np.flatnonzero(np.isfinite(np.diag(S[t])))
+        if not len(seen):
+            continue
+        inverse = np.linalg.inv(S[t][np.ix_(seen, seen)])
+        e, D = de[:, t, seen], inverse @ dS[:, t][:, seen][:, :, seen]
+        out += e @ inverse @ e.T + 0.5 * np.einsum("iab,jba->ij", D, D)
+    return out
 
 
 class _Functions:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -103,7 +104,7 @@ def fit(
     huber: float = math.inf,
     method: codegen.Method | None = None,
     substeps: int | None = None,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> FitResult:
     """Estimate a model's parameters by maximum likelihood, or maximum a posteriori where ``priors`` are given.
 
@@ -121,7 +122,7 @@ def fit(
     huber : standardised innovation from which on a measurement counts as an outlier (2 to 3 where they are expected);
         errors are then those of the sandwich
     method, substeps : override the automatic choice of prediction; for experts and tests
-    progress : called with (search, searches, best negative log-likelihood so far)
+    progress : True for a progress bar, or what is called with (search, searches, best negative log-likelihood so far)
 
     Raises
     ------
@@ -141,8 +142,24 @@ def fit(
         )
     objective = Objective(likelihood, values, free, priors or {})
     objective.base = values = _where_it_exists(objective, values)
-    best, trials = _search(objective, starts, seed, spread, progress)
+    with _bar(model.name) if progress is True else nullcontext(progress or None) as told:
+        best, trials = _search(objective, starts, seed, spread, told)
     return _result(objective, best, trials, errors, values)
+
+
+@contextmanager
+def _bar(name: str) -> Iterator[Progress]:
+    """A progress bar of searches on the terminal (standard error), with the best of them so far."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Bar(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(name, total=None)
+        yield lambda done, total, best: bar.update(
+            task, completed=done, total=total, description=f"{name}, best {best:.4f}"
+        )
 
 
 def _start_values(

@@ -103,6 +103,17 @@ def test_fixed_and_warm_starts(record: Data, result: FitResult) -> None:
     assert warm.trials[0].evaluations < result.trials[0].evaluations
 
 
+def test_many_searches_show_a_bar_and_a_table_of_optima(record: Data, capsys: pytest.CaptureFixture[str]) -> None:
+    r = fit(problems.ou1d(), record, starts=3, progress=True)
+    shown = capsys.readouterr()
+    assert "3/3" in shown.err
+    assert f"best {-r.llf:.4f}" in shown.err
+    assert shown.out == ""
+    table = r.trials_table().splitlines()
+    assert len(table) == 4
+    assert table[1].split()[1] == f"{-r.llf:.6f}"
+
+
 def test_profile_interval_is_near_the_normal_one_and_covers_the_estimate(result: FitResult) -> None:
     p = profile(result, "mu")
     low, high = result.conf_int()["mu"]
