@@ -121,8 +121,9 @@ def _annotation(node: ast.expr | None, known: dict[str, float | int]) -> str | A
         }.get(node.id, node.id)
     if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
         sizes = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-        if node.value.id in ("rows", "each"):
-            return Array("float", tuple(int(_constant(s, known)) for s in sizes), node.value.id == "each")
+        if node.value.id in ("rows", "each", "indices"):
+            item = "int" if node.value.id == "indices" else "float"
+            return Array(item, tuple(int(_constant(s, known)) for s in sizes), node.value.id == "each")
     raise UnsupportedTextError("every argument needs a type")
 
 
