@@ -187,6 +187,11 @@ class Score(Chart):
         phase[(phase == QUIET) & (self.open == 1)] = LEARNING
         return Verdicts(phase, statistic, self.limit, direction, age)
 
+    def set_limit(self, limit: ArrayLike) -> None:
+        """Change the limits, and with them what keeps the rate over the baselines' errors."""
+        super().set_limit(limit)
+        self._uncertainty = Uncertainty(self.limit, self.k)
+
     def _held(self, rows: IntArray) -> NDArray[np.bool_]:
         """Components that learn nothing now: what moves them may be a fault."""
         high = (np.maximum(self.upper, self.lower) > HOLD * self.limit) | (self.latched == 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -37,6 +37,9 @@ class Family(Protocol):
     def update(self, steps: Sequence[GroupStep]) -> Verdicts:
         """Feed one frame."""
 
+    def allot(self, arl: Mapping[str, float]) -> None:
+        """Set limits for these mean numbers of frames between false alarms of each of a component's charts."""
+
     def rebase(self, components: set[str]) -> BoolArray:
         """These components have new baselines; returns the streams that were started again for it."""
 
@@ -57,12 +60,13 @@ class Family(Protocol):
 class FamilyKind:
     """How a family comes into a site.
 
-    ``carried(group, component)`` says how many charts a component has of it, each of which takes an equal share of the
+    ``carried(group, component)`` says how many charts a component has of it, those that ring together counted as far as
+    each gives alarms of its own; every chart takes an equal share of the
     component's budget; ``build(plan, groups, arl)`` makes the family, or several, with the mean number of frames
     between false alarms of each of a component's charts in ``arl``. A family with a ``share`` above zero has so much of
     the plant's budget to itself; the others divide what is left.
     """
 
-    carried: Callable[[FilterGroup, Component], int]
+    carried: Callable[[FilterGroup, Component], float]
     build: Callable[[Plan, Sequence[FilterGroup], dict[str, float]], Sequence[Family]]
     share: float = 0.0

@@ -42,9 +42,10 @@ class Charts:
     """Every chart of a site."""
 
     def __init__(self, plan: Plan, groups: Sequence[FilterGroup]) -> None:
-        self._families: list[Family] = [
-            f for kind in FAMILIES for f in kind.build(plan, groups, _budget(plan, groups, kind))
-        ]
+        self._plan, self._groups = plan, tuple(groups)
+        self._allotted = [_budget(plan, groups, kind) for kind in FAMILIES]
+        self._kinds = [kind.build(plan, groups, arl) for kind, arl in zip(FAMILIES, self._allotted, strict=True)]
+        self._families: list[Family] = [f for families in self._kinds for f in families]
         self.streams = tuple(s for f in self._families for s in f.streams)
         of: dict[str, list[int]] = {
             subject(c.name, k): [] for g in groups for c in g.components for k in (PLANT, MODEL)
@@ -97,7 +98,13 @@ class Charts:
         self._standing &= ~which
 
     def rebase(self, components: set[str]) -> None:
-        """These components have new baselines; each family says what it starts again."""
+        """These components have new baselines; each family says what it starts again, and limits follow the budget."""
+        for i, (kind, families) in enumerate(zip(FAMILIES, self._kinds, strict=True)):
+            arl = _budget(self._plan, self._groups, kind)
+            if arl != self._allotted[i]:
+                self._allotted[i] = arl
+                for family in families:
+                    family.allot(arl)
         for family, start, stop in zip(self._families, self._edges, self._edges[1:], strict=False):
             which = family.rebase(components)
             self._phase[start:stop] = np.where(which, np.uint8(Phase.QUIET), self._phase[start:stop])
@@ -124,14 +131,13 @@ def _budget(plan: Plan, groups: Sequence[FilterGroup], kind: FamilyKind) -> dict
     together = [kind] if kind.share else [k for k in FAMILIES if not k.share]
     share = kind.share or 1.0 - sum(k.share for k in FAMILIES)
     components = [(c, _charts_of(g, c, together)) for g in groups for c in g.components]
-    weights = [c.weight / n for c, n in components for _ in range(n)]
-    if not weights:
+    if not components:
         return {}
+    weights = [c.weight for c, _ in components]
     each = spread(share * plan.false_alarms_per_year, weights, plan.step / NANOSECONDS)
-    starts = np.cumsum([0, *(n for _, n in components)])[:-1]
-    return {c.name: float(each[i]) for (c, _), i in zip(components, starts, strict=True)}
+    return {c.name: float(frames * n) for (c, n), frames in zip(components, each, strict=True)}
 
 
-def _charts_of(group: FilterGroup, component: Component, kinds: Sequence[FamilyKind]) -> int:
+def _charts_of(group: FilterGroup, component: Component, kinds: Sequence[FamilyKind]) -> float:
     """How many charts share a component's budget; at least one, so that a component without charts divides nothing."""
-    return max(1, sum(kind.carried(group, component) for kind in kinds))
+    return max(1.0, sum(kind.carried(group, component) for kind in kinds))

@@ -86,12 +86,21 @@ class HealthCharts:
             for kind in KINDS
             for _, _, c, symbol in self._outputs
         )
-        self._chance = np.array([min(0.5, self._window * self._block / arl[c.name]) for _, _, c, _ in self._outputs])
+        self._chance = self._chances(arl)
         ones = np.ones(len(self._outputs))
         self._memory = Autocorrelation(ones, window=self._window, lags=LAGS, block=self._block)
         self._colour = Periodogram(ones, window=self._window, block=self._block)
         self._spread = Dispersion(ones, window=self._window, block=self._block)
         self._charts = (self._memory, self._colour, self._spread)
+        self._inform()
+
+    def _chances(self, arl: Mapping[str, float]) -> FloatArray:
+        """Chance of a false alarm that a window of each output may have."""
+        return np.array([min(0.5, self._window * self._block / arl[c.name]) for _, _, c, _ in self._outputs])
+
+    def allot(self, arl: Mapping[str, float]) -> None:
+        """New limits."""
+        self._chance = self._chances(arl)
         self._inform()
 
     def _inform(self) -> None:

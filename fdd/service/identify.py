@@ -13,6 +13,7 @@ from fdd.greybox.likelihood import Data
 from fdd.greybox.results import FitResult
 from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
 from fdd.residual_monitors.information import inverse
+from fdd.residual_monitors.together import share_of_alarms
 from fdd.residual_monitors.whiten import Whitener
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.health_charts import window_of, window_statistics
@@ -165,7 +166,8 @@ def chance(samples: int) -> float:
 def score_diagnostics(plan: Plan, component: Component, steps: Sequence[GroupStep]) -> JsonObject:
     """Standard deviation of each parameter's block scores on the baseline (``score_spread``), from ``score_blocks``.
 
-    1 where the model is true, else more.
+    1 where the model is true, else more. ``score_together`` is how far their charts ring apart
+    (:func:`fdd.residual_monitors.together.share_of_alarms`).
 
     Where the model misses something, innovations are coloured and scores of hours vary more than their information
     says; the charts divide by this.
@@ -185,4 +187,15 @@ def score_diagnostics(plan: Plan, component: Component, steps: Sequence[GroupSte
     z = np.where(information > 0, score / np.sqrt(np.where(information > 0, information, 1.0)), 0.0)
     spread = np.maximum(1.0, np.sqrt(np.mean(np.square(z), axis=0)))
     table = {q.symbol: float(v) for q, v in zip(component.model.parameters, spread, strict=True)}
-    return {"score_spread": table, "score_blocks": n}
+    return {"score_spread": table, "score_blocks": n, "score_together": _apart(component, full)}
+
+
+def _apart(component: Component, information: FloatArray) -> float:
+    """Alarms of the physical parameters' charts over their sum, at the mean correlation of blocks (n, n_p, n_p)."""
+    at = np.flatnonzero([q.kind == "physical" for q in component.model.parameters])
+    own = information[:, at[:, None], at]
+    diagonal = np.diagonal(own, axis1=1, axis2=2)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
+    correlation = np.mean(own * scale[:, :, None] * scale[:, None, :], axis=0)
+    np.fill_diagonal(correlation, 1.0)
+    return share_of_alarms(correlation)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -45,6 +45,11 @@ class InnovationCharts:
         return self._chart.update(
             np.concatenate([np.empty(0), *(s.standardised.ravel() for s in steps)])[self._carried]
         )
+
+    def allot(self, arl: Mapping[str, float]) -> None:
+        """New limits, and what they add to the reference values."""
+        self._chart.set_limit(Cusum.design([arl[s.component] for s in self.streams]).limit)
+        self._uncertainty = Uncertainty(self._chart.limit, self._chart.k)
 
     def _slackened(self, index: int) -> FloatArray:
         """The squares of the changes for which no chart rings, as diagonal matrices (n, p, p)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -41,11 +41,9 @@ class ScoreCharts:
             for symbol in self._symbols
         )
         wanted = [arl[s.component] for s in self.streams]
+        self._block = max(1, SCORE_BLOCK // plan.step)
         self._chart = Score.design(
-            wanted,
-            parameters=len(self._symbols),
-            block=max(1, SCORE_BLOCK // plan.step),
-            enough=plan.learning / SCORE_BLOCK,
+            wanted, parameters=len(self._symbols), block=self._block, enough=plan.learning / SCORE_BLOCK
         )
         self._slack = plan.slack
         self._inform(np.ones(len(group.components), dtype=np.bool_))
@@ -68,6 +66,11 @@ class ScoreCharts:
         spreads = [b.diagnostics.get("score_spread", {}) for b in baselines]
         blocks = [b.diagnostics.get("score_blocks", KNOWN) for b in baselines]
         self._chart.presume(rows, [[spread.get(s, 1.0) for s in self._symbols] for spread in spreads], blocks)
+
+    def allot(self, arl: Mapping[str, float]) -> None:
+        """New limits, and what they add to the reference values."""
+        wanted = [arl[s.component] for s in self.streams]
+        self._chart.set_limit(Score.design(wanted, parameters=len(self._symbols), block=self._block).limit)
 
     def rebase(self, components: set[str]) -> BoolArray:
         """Start again: sums and history are departures from the old parameters and say nothing of the new ones."""
@@ -145,8 +148,11 @@ class ScoreCharts:
         self._group.error = self._chart.covariance
 
 
-def _carried(group: FilterGroup, component: Component) -> int:
-    return sum(p.kind == "physical" and component.carries("score", p.symbol) for p in group.model.parameters)
+def _carried(group: FilterGroup, component: Component) -> float:
+    """Charts of parameters, as far as each gives alarms of its own: some act so alike that they ring together."""
+    charts = sum(p.kind == "physical" and component.carries("score", p.symbol) for p in group.model.parameters)
+    row = group.components.index(component)
+    return charts * float(group.baselines[row].diagnostics.get("score_together", 1.0))
 
 
 def _build(plan: Plan, groups: Sequence[FilterGroup], arl: dict[str, float]) -> list[ScoreCharts]:

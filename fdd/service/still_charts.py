@@ -67,13 +67,18 @@ class StillCharts:
             if place.point in measured and place.point not in taken and component.carries("still", place.symbol):
                 taken.add(place.point)
                 self._places.append(place)
-        owners = [groups[p.group].components[p.row].name for p in self._places]
+        self._owners = owners = [groups[p.group].components[p.row].name for p in self._places]
         self.streams = tuple(
             Stream(f"{owner}/{p.symbol}:still", owner, p.symbol, p.point)
             for owner, p in zip(owners, self._places, strict=True)
         )
         self._arl = np.array([arl[owner] for owner in owners])
         self._chart = Still(np.ones(len(self._places)))
+        self._inform()
+
+    def allot(self, arl: Mapping[str, float]) -> None:
+        """New limits."""
+        self._arl = np.array([arl[owner] for owner in self._owners])
         self._inform()
 
     def _inform(self) -> None:

@@ -96,6 +96,20 @@ def test_state_carries_its_baselines(healthy: Truth) -> None:
     assert verdicts([again.step(rest)]) == verdicts([whole.step(rest)])
 
 
+def test_limits_follow_how_far_charts_ring_together_and_are_those_of_a_fresh_engine(healthy: Truth) -> None:
+    alike = moved(diagnostics={"score_together": 0.5})
+    e, fresh = Engine(plan(), baselines()), Engine(plan(), {**baselines(), "south": alike})
+    before = e.step(healthy.batch(0, DAY))
+    e.rebase({"south": alike})
+    after, told = e.step(healthy.batch(DAY, 2 * DAY)), fresh.step(healthy.batch(0, 2 * DAY))
+    for series in ("south/R_ia:score", "south/T_in:cusum"):
+        old, new, wanted = (of(o, "charts", series).fields["limit"][-1] for o in (before, after, told))
+        assert new < old  # fewer charts that ring by themselves: each may ring more often
+        assert new == wanted
+    north = [of(o, "charts", "north/R_ia:score").fields["limit"][-1] for o in (before, after, told)]
+    assert north[0] == north[1] == north[2]
+
+
 def test_a_baseline_of_something_else_is_refused() -> None:
     e = Engine(plan(), baselines())
     with pytest.raises(EngineError, match="attic is not watched"):
