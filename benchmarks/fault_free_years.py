@@ -55,7 +55,8 @@ def baselines_of(fleet: Fleet, sets: Sequence[str], seed: int) -> dict[str, list
 def batch(seed: int, plants: int, days: float, sets: Sequence[str], budget: float, until: float) -> Record:
     """One batch, cut short at ``until`` (processor time does not stand still for others) [s of the monotonic clock]."""
     fleet = whole_engine.simulated(plants, whole_engine.LEARNING + days, seed)
-    engine = whole_engine.engine_of(fleet, baselines_of(fleet, sets, seed), dict.fromkeys(sets, budget))
+    tables = baselines_of(fleet, sets, seed)
+    engine = whole_engine.engine_of(fleet, tables, dict.fromkeys(sets, budget))
     rang: dict[str, Counter[str]] = {which: Counter() for which in sets}
     begun, frames = time.process_time(), 0
     charts: Counter[str] = Counter()
@@ -74,7 +75,10 @@ def batch(seed: int, plants: int, days: float, sets: Sequence[str], budget: floa
         "years": years,
         "lost": whole_engine.LOST,
         "budget": budget,
-        "promised": {k: v * budget * years for k, v in whole_engine.promises(fleet).items()},
+        "promised": {
+            which: {k: v * budget * years for k, v in whole_engine.promises(fleet, table).items()}
+            for which, table in tables.items()
+        },
         "rang": {which: dict(count) for which, count in rang.items()},
         "charts": dict(charts.most_common()),
         "processor_seconds": time.process_time() - begun,
@@ -94,7 +98,7 @@ def figures_of(records: Sequence[Record]) -> dict[str, dict[str, Any]]:
         promised: Counter[str] = Counter()
         rang: Counter[str] = Counter()
         for r in own:
-            promised.update(r["promised"])
+            promised.update(r["promised"][which])
             rang.update(r["rang"][which])
         found[f"{which}_plant_years"] = figure(sum(r["years"] for r in own), "a", "200", None)
         for kind in ("all", *promised):

@@ -229,24 +229,32 @@ def watch(fleet: Fleet, engine: Engine, *, clear: bool = True) -> list[Alarm]:
     return [alarm for _, new in watching(fleet, engine, clear=clear) for alarm in new]
 
 
-def promises(fleet: Fleet) -> dict[str, float]:
-    """Each kind of chart's share of a plant's budget: components and the charts of a component share evenly."""
+def promises(fleet: Fleet, table: Sequence[dict[str, Baseline]]) -> dict[str, float]:
+    """Each kind of chart's share of a plant's budget, on average over the plants' baselines.
+
+    Components share evenly, and so do the charts of a component as far as each gives alarms of its own.
+    """
     shares = {"still": STILL_SHARE, **dict.fromkeys(KINDS, HEALTH_SHARE / len(KINDS))}
     plain = 1.0 - STILL_SHARE - HEALTH_SHARE
     cusum = 0.0
     for c in fleet.plan.components:
         physical = sum(p.kind == "physical" for p in c.model.parameters)
-        cusum += plain / len(fleet.plan.components) * len(c.outputs) / (physical + len(c.outputs))
+        apart = np.array([own[c.name].diagnostics["score_together"] for own in table])
+        cusum += (
+            plain / len(fleet.plan.components) * float(np.mean(len(c.outputs) / (physical * apart + len(c.outputs))))
+        )
     return {"cusum": cusum, "score": plain - cusum, **shares}
 
 
-def counts(fleet: Fleet, sets: Sequence[str], budget: dict[str, float], alarms: Sequence[Alarm]) -> dict[str, Count]:
+def counts(
+    fleet: Fleet, sets: dict[str, list[dict[str, Baseline]]], budget: dict[str, float], alarms: Sequence[Alarm]
+) -> dict[str, Count]:
     """Alarms and promises of every set by kind of chart over the whole run."""
     years = fleet.plants * fleet.watched()
     found = {}
-    for which in sets:
+    for which, table in sets.items():
         own = Counter(kind_of_chart(a) for a in alarms if a.component.startswith(f"{which}/"))
-        found[which] = Count(own, {k: v * budget[which] * years for k, v in promises(fleet).items()})
+        found[which] = Count(own, {k: v * budget[which] * years for k, v in promises(fleet, table).items()})
     return found
 
 
