@@ -450,13 +450,41 @@ def _work(_: int) -> float:
     return count / 1.5
 
 
+def _busy() -> float:
+    """Processor seconds used on the whole machine since it started; NaN where the system does not tell."""
+    try:
+        words = Path("/proc/stat").read_text(encoding="ascii").split("\n", 1)[0].split()[1:]
+    except OSError:
+        return float("nan")
+    ticks = [int(w) for w in words]
+    return float(sum(ticks[:3]) + sum(ticks[5:8])) / float(os.sysconf("SC_CLK_TCK"))
+
+
+def two_processes() -> Figures:
+    """Two processes against one, in the quietest of three tries; on a busy machine it shows nothing."""
+    tries = []
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        list(pool.map(_work, [0, 0]))
+        for _ in range(3):
+            before, start = _busy(), time.perf_counter()
+            one = pool.submit(_work, 0).result()
+            two = sum(pool.map(_work, [0, 0]))
+            elapsed = time.perf_counter() - start
+            others = (_busy() - before - 4.5) / elapsed  # ours work 1.5 s once and 1.5 s twice
+            tries.append((others, two / one))
+    others, ratio = min(tries)
+    idle = others < 0.1
+    return {
+        "two_processes_over_one": figure(
+            ratio, "ratio", ">= 1.7 on an idle machine", ratio >= 1.7 if idle else None
+        ),
+        "processors_used_by_others": figure(others, "of them", "< 0.1 to be idle", None),
+    }  # fmt: skip
+
+
 def scaling() -> Figures:
     small, large = (np.median([long_record(n) / n for _ in range(5)]) for n in (5_000, 50_000))
     ratio = float(large / small)
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        list(pool.map(_work, [0, 0]))
-        one = pool.submit(_work, 0).result()
-        two = sum(pool.map(_work, [0, 0]))
     code = (
         "import time; t = time.process_time()\n"
         "from tests.greybox import problems, records\nfrom fdd import fit\n"
@@ -466,7 +494,7 @@ def scaling() -> Figures:
     first = float(done.stdout)
     return {
         "cost_50000_over_5000": figure(ratio, "ratio a sample", "0.8 to 1.2", 0.8 <= ratio <= 1.2),
-        "two_processes_over_one": figure(two / one, "ratio", ">= 1.7 on an idle machine", two / one >= 1.7),
+        **two_processes(),
         "cached_start_to_first_fit": figure(first, "s CPU", "< 2", first < 2),
     }
 

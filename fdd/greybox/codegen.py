@@ -434,8 +434,15 @@ class Generator:
         return lines
 
     def _own(self, scope: Scope, e: Expr) -> str:
-        """d value / d p of parameter k."""
+        """d value / d p of parameter k; in lanes from a table, so that one loop over k serves all parameters."""
         g, out = self.s.graph, "wide(0.0)"
+        if self.variant.lanes > 1 and any(g.diff(e, p) is not g.zero for p in self.s.p):
+            row = self.at["SIZE"]
+            self.at["SIZE"] += self.K
+            for k, p in enumerate(self.s.p):
+                if g.diff(e, p) is not g.zero:
+                    scope.lines.append(f"w[{row + k}] = {scope(g.diff(e, p))}")
+            return f"w[{row} + k]"
         for k, p in enumerate(self.s.p):
             d = g.diff(e, p)
             if d is not g.zero:
