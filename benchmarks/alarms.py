@@ -24,7 +24,7 @@ import numpy as np
 from rich.console import Console
 from scipy.special import ndtri
 
-from benchmarks import peers, room, whole_engine
+from benchmarks import detection, detection_tables, peers, room, whole_engine
 from benchmarks.common import arguments, context, figure, report
 from fdd.records import FloatArray
 from fdd.residual_monitors.budget import poisson_interval
@@ -198,28 +198,49 @@ def _false_alarms(share: float, runs: int) -> dict[str, Any]:
 
 def against_peers(quick: bool, console: Console) -> tuple[Figures, dict[str, Any]]:
     """False alarms a year and median delays on the same white and slightly coloured series."""
-    able, missing = peers.detectors()
     years, cases, memories = (1.0, 3, (0.3,)) if quick else (10.0, 25, (0.0, 0.3))
-    figures: Figures = {}
-    for rho in memories:
-        for name, ring in able.items():
-            score = peers.judge(ring, rho, years, cases, (0.5, 1.0, 2.0), SEED)
-            key = f"peers_{_key(name)}" + ("" if rho == 0 else "_coloured")
-            own = name.startswith("ours")
-            most = poisson_interval(int(np.ceil(years)), 0.999)[1] / years
-            holds = score.false_alarms <= most if own else None
-            figures[f"{key}_false_alarms"] = figure(
-                score.false_alarms, "1/a", f"<= {most:.1f}" if own else "compare", holds
-            )
-            for shift, delay in score.delay.items():
-                figures[f"{key}_delay_{shift:g}_sd"] = figure(delay, "h", "compare", None)
-            figures[f"{key}_survives_nan"] = figure(
-                score.survives, "", "true" if own else "compare", score.survives if own else None
-            )
+    table = peers.compare(memories, years, cases, SEED)
+    for rho, scores in table.items():
+        for name, score in scores.items():
             console.log(
                 f"rho {rho}: {name}: {score.false_alarms:.2f}/a, delays {score.delay}, survives a NaN: {score.survives}"
             )
-    return figures, {"peers": {"years": years, "cases": cases, "promised": 1.0, "not installed": missing}}
+    about = {"years": years, "cases": cases, "promised": 1.0, "not installed": peers.detectors()[1]}
+    return peers.figures_of(table, years), {"peers": about}
+
+
+def detected(quick: bool, console: Console) -> tuple[Figures, dict[str, Any]]:
+    """Score charts against innovation charts on the simulated house, every parameter fault; delays against theory."""
+    seeds = (2,) if quick else (2, 3, 4, 5, 6, 7)
+    houses = detection.parameter_faults((0.3,) if quick else detection.SIZES)
+    if quick:
+        houses = [tuple(f for f in house if f.component != "building") for house in houses[:2]]
+    runs = [run for seed in seeds for run in detection.watch(houses, seed)]
+    kinds = [] if quick else [run for seed in seeds for run in detection.watch(detection.plant_faults(), seed)]
+    table, faults = detection_tables.rows(runs), detection_tables.kind_rows(kinds)
+    figures: Figures = {}
+    for row in table:
+        key = f"detection_{_key(row.component)}_{_key(row.name)}_minus_{100 * row.size:.0f}"
+        figures[f"{key}_found"] = _figure(100 * row.score_found, "%", 0, row.hidden)
+        figures[f"{key}_found"] |= {"target": "no chart can see it" if row.hidden else "compare", "holds": None}
+        figures[f"{key}_delay"] = figure(row.score_delay, "d", "median", None)
+        figures[f"{key}_found_by_innovations"] = figure(100 * row.innovation_found, "%", "compare", None)
+        figures[f"{key}_named"] = figure(None if row.named is None else 100 * row.named, "%", "compare", None)
+        figures[f"{key}_delay_over_theory"] = figure(row.ratio, "", "1/1.5 .. 1.5", _within(row.ratio))
+        console.log(row)
+    for fault in faults:
+        key = f"detection_{_key(fault.kind)}_{_key(fault.target)}_{fault.size:g}"
+        figures[f"{key}_found"] = figure(100 * fault.found, "%", "compare", None)
+        figures[f"{key}_delay"] = figure(fault.delay, "d", "median", None)
+        figures[f"{key}_delay_over_theory"] = figure(fault.ratio, "", "1/1.5 .. 1.5", _within(fault.ratio))
+        console.log(fault)
+    about = {"seeds": seeds, "houses": len(houses), "false_alarms_a_year_of_each_kind": detection.RATE}
+    return figures, {"detection": about}
+
+
+def _within(ratio: float) -> bool | None:
+    """None where fewer than half of the runs, or of theory's, end within the watch: there is nothing to compare."""
+    return bool(1 / 1.5 <= ratio <= 1.5) if np.isfinite(ratio) else None
 
 
 def engine_rates(quick: bool, console: Console) -> tuple[Figures, dict[str, Any]]:
@@ -279,7 +300,7 @@ def _plain(value: Any) -> Any:
     return bool(value) if isinstance(value, np.bool_) else value
 
 
-SECTIONS: tuple[Section, ...] = (solver, rates, two_state_room, against_peers, engine_rates)
+SECTIONS: tuple[Section, ...] = (solver, rates, two_state_room, detected, against_peers, engine_rates)
 
 
 def main() -> None:

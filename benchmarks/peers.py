@@ -1,18 +1,25 @@
 """Other detectors on the same standardised innovations: what rings for nothing, what is found, what goes silent.
 
 Each detector is given the series in order and returns the updates at which it rings. Peers that are not installed are
-left out and named; they are no dependency of the service.
+left out and named; they are no dependency of the service: install the extra ``bench`` beside it.
+
+    python -m benchmarks.peers [--quick] [--json] [--plot peers.svg]
 """
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
+from benchmarks.common import context, figure, report
 from fdd.records import FloatArray
+from fdd.residual_monitors.budget import poisson_interval
 from fdd.residual_monitors.chart import Phase
 from fdd.residual_monitors.cusum import Cusum
 from fdd.residual_monitors.glr import Glr
@@ -145,3 +152,81 @@ def judge(ring: Ring, rho: float, years: float, cases: int, shifts: Iterable[flo
     broken[1000:] += 3.0
     survives = any(1000 <= t < 1288 for t in ring(baseline, broken))
     return Score(rate, delay, survives)
+
+
+SHIFTS = (0.5, 1.0, 2.0)
+Table = dict[float, dict[str, Score]]
+
+
+def compare(memories: Iterable[float], years: float, cases: int, seed: int) -> Table:
+    """Every detector on the same series, by the series' memory."""
+    able, _ = detectors()
+    return {
+        rho: {name: judge(ring, rho, years, cases, SHIFTS, seed) for name, ring in able.items()} for rho in memories
+    }
+
+
+def figures_of(table: Table, years: float) -> dict[str, dict[str, Any]]:
+    """What is promised is held against ours alone; the others are there to be compared with."""
+    most = poisson_interval(int(np.ceil(years)), 0.999)[1] / years
+    found = {}
+    for rho, scores in table.items():
+        for name, score in scores.items():
+            words = "_".join("".join(c if c.isalnum() else " " for c in name).lower().split())
+            key, own = f"peers_{words}" + ("" if rho == 0 else "_coloured"), name.startswith("ours")
+            found[f"{key}_false_alarms"] = figure(
+                score.false_alarms, "1/a", f"<= {most:.1f}" if own else "compare",
+                bool(score.false_alarms <= most) if own else None,
+            )  # fmt: skip
+            for shift, delay in score.delay.items():
+                found[f"{key}_delay_{shift:g}_sd"] = figure(delay, "h", "compare", None)
+            found[f"{key}_survives_nan"] = figure(
+                score.survives, "", "true" if own else "compare", score.survives if own else None
+            )
+    return found
+
+
+def plot(table: Table, years: float, path: Path) -> None:
+    """Median delay against false alarms a year, a panel a shift; bars are 95 % Poisson intervals."""
+    from matplotlib.figure import Figure
+
+    canvas = Figure(figsize=(10, 3.8), layout="constrained")
+    panels = canvas.subplots(1, len(SHIFTS), sharey=True, sharex=True)
+    least = 0.3 / years  # where none rang
+    for axes, shift in zip(panels, SHIFTS, strict=True):
+        axes.axvline(1.0, color="#999", lw=0.8, ls=":")
+        for i, name in enumerate(next(iter(table.values()))):
+            for rho, scores in table.items():
+                count = round(scores[name].false_alarms * years)
+                low, high = (v / years for v in poisson_interval(count))
+                x = max(count / years, least)
+                axes.errorbar(
+                    x, scores[name].delay[shift], xerr=[[max(x - max(low, least / 2), 0.0)], [max(high - x, 0.0)]],
+                    marker="o" if rho == 0 else "s", ms=5, mfc=f"C{i}" if rho == 0 else "white", color=f"C{i}", lw=0.8,
+                    label=name if rho == 0 else None,
+                )  # fmt: skip
+        axes.set(xscale="log", yscale="log", title=f"shift {shift:g} sd", xlabel="false alarms a year")
+        axes.set_yticks([0.25, 1, 4, 16, 64], ["15 min", "1 h", "4 h", "16 h", "64 h"])
+        axes.minorticks_off()
+        axes.grid(alpha=0.3)
+    panels[0].set_ylabel("median delay")
+    canvas.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
+    canvas.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="one year, three cases a shift")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--plot", type=Path, help="write delay against false alarms here: .svg or .png")
+    given = parser.parse_args()
+    years, cases = (1.0, 3) if given.quick else (3.0, 12)
+    table = compare((0.0, 0.3), years, cases, 11)
+    if given.plot:
+        plot(table, years, given.plot)
+    about = {"years": years, "cases": cases, "promised": 1.0, "not installed": detectors()[1], "seed": 11}
+    report(figures_of(table, years), context(**about), given.json)
+
+
+if __name__ == "__main__":
+    main()

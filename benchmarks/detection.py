@@ -1,0 +1,282 @@
+"""Every fault of the simulated house at several sizes, under the service's own filters and charts: what is found when.
+
+A run is three weeks of a house with one fault in a component from the second day on. Score charts and innovation charts
+watch it side by side, each kind with the same rate of false alarms for the component as a whole, on two baselines:
+
+fitted   by maximum likelihood to four weeks of another life of the house; errors of the baseline are allowed for
+known    the true physical parameters, taken as known: what the run lengths of theory are about
+
+A filter is driven by what is measured, so that a change of one component's parameters leaves the others healthy: one
+simulated house carries a faulty parameter in each component.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+
+from benchmarks import whole_engine
+from fdd.plant.district import EQUIPMENT, district_plant, models, outside
+from fdd.plant.faults import PlantFault, effects
+from fdd.plant.scenario import WARM_UP, Scenario
+from fdd.plant.simulate import Change, Simulator
+from fdd.records import NANOSECONDS, Baseline, FloatArray, IntArray
+from fdd.residual_monitors.budget import YEAR
+from fdd.residual_monitors.chart import Phase, Verdicts
+from fdd.service.filters import FilterGroup, GroupStep
+from fdd.service.innovation_charts import InnovationCharts
+from fdd.service.plan import Component, Plan
+from fdd.service.score_charts import ScoreCharts
+
+DAY = 86400.0
+STEP = 300.0
+FRAMES_A_DAY = round(DAY / STEP)
+DAYS, ONSET = 23.0, 49 / 24  # the onset is the begin of a block of scores, an hour after the charts' own begin
+SIZES = (0.05, 0.1, 0.2, 0.3)
+RATE = 0.5
+"""False alarms a year of each kind of chart on a component."""
+BLOCK = 72
+NAMED_AFTER = 2 * FRAMES_A_DAY
+SETS = ("fitted", "known")
+START = "2024-11-04T00:00:00"
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault of one component: a physical parameter lower by ``size``, or a fault of the plant by its kind."""
+
+    component: str
+    name: str
+    size: float
+    plant: PlantFault | None = None
+
+    @property
+    def symbol(self) -> str:
+        """The parameter that has moved; "" where the fault is no change of one."""
+        return "" if self.plant else self.name
+
+
+@dataclass
+class Watched:
+    """What the charts of one component made of one run on one baseline; times in frames after the onset, NaN: never.
+
+    ``early``: kinds of charts that rang before the onset. ``streams`` has the delay of every chart. ``named`` is the
+    parameter whose change alone explains most, two days after the first score chart rang. ``z`` (blocks, n_p) are the
+    standardised block scores after the onset, ``information`` (blocks, n_p) their informations, ``innovation`` the
+    sums, squares and counts of standardised innovations after the onset, (3, n_y).
+    """
+
+    fault: Fault
+    seed: int
+    baseline: str
+    streams: dict[str, float]
+    early: set[str] = field(default_factory=set)
+    named: str = ""
+    z: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    information: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    innovation: FloatArray = field(default_factory=lambda: np.empty((3, 0)))
+
+    def delay(self, kind: str) -> float:
+        """Of the first chart of this kind (``score``, ``cusum``) [days]; inf: none by the last day, NaN: rang early."""
+        if kind in self.early:
+            return float("nan")
+        return min((d for s, d in self.streams.items() if s.endswith(kind)), default=np.inf) * STEP / DAY
+
+
+def physical(component: str) -> list[str]:
+    """Symbols of the physical parameters of a component."""
+    true = district_plant().components[component].parameters
+    return [p.symbol for p in models()[component].parameters if p.kind == "physical" and p.symbol in true]
+
+
+def parameter_faults(sizes: Sequence[float] = SIZES) -> list[tuple[Fault, ...]]:
+    """Houses with a faulty parameter in each component, so that every parameter has every size once."""
+    columns = [[Fault(c, s, size) for s, size in product(physical(c), sizes)] for c in EQUIPMENT]
+    most = max(map(len, columns))
+    return [tuple(column[i] for column in columns if i < len(column)) for i in range(most)]
+
+
+def plant_faults() -> list[tuple[Fault, ...]]:
+    """A house for every kind of fault that the plant can have, at four severities where it has degrees."""
+    onset = ONSET * DAY
+
+    def table(component: str, kind: str, target: str, sizes: Sequence[float]) -> list[tuple[Fault, ...]]:
+        def one(s: float) -> PlantFault:
+            return PlantFault(kind, target, onset, s, "ramp" if kind == "drift" else "step", 14 * DAY)
+
+        return [(Fault(component, kind, s, one(s)),) for s in sizes]
+
+    return [
+        *table("hx", "fouling", "hx", SIZES),
+        *table("radiator-south", "air", "radiator-south", SIZES),
+        *table("radiator-south", "sludge", "radiator-south", SIZES),
+        *table("hx", "bias", "hx.T_cold_out", (0.25, 0.5, 1.0, 2.0)),
+        *table("radiator-south", "bias", "radiator-south.T_return", (0.25, 0.5, 1.0, 2.0)),
+        *table("building", "bias", "building.T_south", (0.1, 0.25, 0.5, 1.0)),
+        *table("hx", "drift", "hx.T_cold_out", (0.25, 0.5, 1.0, 2.0)),
+        *table("radiator-south", "scaling", "radiator-south.m_flow", (0.02, 0.05, 0.1, 0.2)),
+        *table("hx", "noise", "hx.T_hot_out", (0.25, 0.5, 1.0, 2.0)),
+        *table("radiator-south", "freeze", "radiator-south.T_return", (1.0,)),
+        *table("hx", "swap", "hx.T_hot_out | hx.T_cold_in", (1.0,)),
+        *table("radiator-south", "leak", "valve-south", (0.05, 0.2)),
+        *table("radiator-south", "stick", "valve-south", (0.05, 0.2)),
+        *table("radiator-south", "stuck", "valve-south", (1.0,)),
+        *table("hx", "hunting", "controller", (2.0, 5.0)),
+    ]
+
+
+def simulate(faults: Sequence[Fault], seed: int, days: float = DAYS) -> tuple[IntArray, FloatArray]:
+    """Event times and measured points (n, n_points) of a house with these faults."""
+    scenario = Scenario(start=START, days=days, seed=seed)
+    plant, warm = district_plant(), round(WARM_UP * DAY / STEP)
+    time = scenario.first + np.arange(-warm, scenario.samples, dtype=np.int64) * round(STEP * NANOSECONDS)
+    seconds = (time - scenario.first) / NANOSECONDS
+    changes, sensors = effects(plant, [f.plant for f in faults if f.plant], seconds)
+    for f in faults:
+        if f.symbol:
+            value = plant.components[f.component].parameters[f.symbol]
+            course = value * (1.0 - f.size * (seconds >= ONSET * DAY))
+            changes.append(Change(f"{f.component}.{f.symbol}", np.asarray(course, dtype=np.float64)))
+    weather_seed, plant_seed = np.random.SeedSequence(seed).generate_state(2)
+    signals = outside(time, np.random.default_rng(weather_seed))
+    simulator = Simulator(plant, STEP, int(plant_seed))
+    measured = np.concatenate([b.measured for b in simulator.run(signals, changes, sensors)])
+    return time[warm:], measured[warm:]
+
+
+def baselines(seed: int, components: Sequence[str]) -> tuple[Plan, dict[str, dict[str, Baseline]]]:
+    """The house's plan with these components, and baselines by set and component, from another life of the house."""
+    fleet = whole_engine.simulated(1, whole_engine.LEARNING, seed)
+    fleet = replace(
+        fleet, plan=replace(fleet.plan, components=tuple(c for c in fleet.plan.components if c.name in components))
+    )
+    fitted = whole_engine.fit_all(fleet)
+    true = whole_engine.settled(fleet, [whole_engine.known(b) for b in fitted])[0]
+    return fleet.plan, {"fitted": fitted[0], "known": {n: _certain(b) for n, b in true.items()}}
+
+
+def _certain(baseline: Baseline) -> Baseline:
+    """Parameters without error: as known as a number can be."""
+    n = len(baseline.parameters)
+    spread = {s: 1.0 for s in baseline.diagnostics.get("score_spread", {})}
+    known = {**baseline.diagnostics, "score_spread": spread}
+    return replace(baseline, covariance=(1e-12 * np.eye(n)).tolist(), diagnostics=known)
+
+
+def watch(houses: Sequence[tuple[Fault, ...]], seed: int, sets: Sequence[str] = SETS) -> list[Watched]:
+    """Simulate the houses with one weather and watch the faulty components of all of them side by side."""
+    plan, known = baselines(seed, sorted({f.component for house in houses for f in house}))
+    lives = [simulate(house, 7919 + seed) for house in houses]
+    time = lives[0][0]
+    values = np.stack([v for _, v in lives], axis=1)
+    kinds = {c.name: c for c in plan.components}
+    runs: list[Watched] = []
+    members: dict[str, list[Component]] = {}
+    own: dict[str, Baseline] = {}
+    index: dict[str, Watched] = {}
+    for (plant, house), which in product(enumerate(houses), sets):
+        for f in house:
+            name = f"{which}/{plant}/{f.component}"
+            index[name] = Watched(f, seed, which, {})
+            runs.append(index[name])
+            component = whole_engine._prefixed(kinds[f.component], name, str(plant))
+            members.setdefault(EQUIPMENT[f.component][0], []).append(component)
+            own[name] = replace(known[which][f.component], component=name)
+    points = tuple(f"{plant}/{p}" for plant in range(len(houses)) for p in plan.points)
+    whole = replace(plan, points=points, derived=(), components=tuple(c for m in members.values() for c in m))
+    _watch(whole, members, own, index, time, values.reshape(len(time), -1))
+    return runs
+
+
+def _watch(
+    plan: Plan,
+    members: dict[str, list[Component]],
+    own: dict[str, Baseline],
+    index: dict[str, Watched],
+    time: IntArray,
+    values: FloatArray,
+) -> None:
+    """Step filters and charts over all frames; fill in what they say."""
+    for model in members.values():
+        group = FilterGroup(model, own, plan.columns, hold=plan.hold, max_gap=plan.max_gap)
+        mean = YEAR / STEP / RATE
+        parameters = sum(p.kind == "physical" for p in group.model.parameters)
+        score = ScoreCharts(0, group, plan, {c.name: mean * parameters for c in model})
+        innovations = InnovationCharts([group], {c.name: mean * len(group.model.outputs) for c in model})
+        record = _Record(group, score, innovations, [index[c.name] for c in model])
+        for frame, (t, row) in enumerate(zip(time.tolist(), values, strict=True)):
+            step = group.step(t, row)
+            record.take(frame, step, score.update([step]), innovations.update([step]))
+        record.finish()
+
+
+class _Record:
+    """Gathers what the charts of one group of components say."""
+
+    def __init__(
+        self, group: FilterGroup, score: ScoreCharts, innovations: InnovationCharts, runs: list[Watched]
+    ) -> None:
+        self._score, self._runs = score, runs
+        self._physical = np.flatnonzero([p.kind == "physical" for p in group.model.parameters])
+        self._symbols = [group.model.parameters[i].symbol for i in self._physical]
+        self._families = ((score, np.full(len(score.streams), np.nan)),
+                          (innovations, np.full(len(innovations.streams), np.nan)))  # fmt: skip
+        n, p = len(runs), len(self._physical)
+        self._sum, self._info, self._count = np.zeros((n, p)), np.zeros((n, p)), 0
+        self._blocks: list[tuple[FloatArray, FloatArray]] = []
+        self._innovation = np.zeros((3, n, len(group.model.outputs)))
+        self._naming: dict[int, list[tuple[int, int]]] = {}
+        self._onset = round(ONSET * FRAMES_A_DAY)
+
+    def take(self, frame: int, step: GroupStep, scores: Verdicts, innovations: Verdicts) -> None:
+        """One frame."""
+        for (_, first), said in zip(self._families, (scores, innovations), strict=True):
+            first[np.isnan(first) & (said.phase == Phase.ALARM)] = frame
+        self._name(frame, scores)
+        if frame < self._onset:
+            return
+        z = step.standardised
+        seen = np.isfinite(z)
+        self._innovation += np.stack([np.where(seen, z, 0.0), np.where(seen, z * z, 0.0), seen])
+        self._sum += np.nan_to_num(step.score[:, self._physical])
+        self._info += np.nan_to_num(np.diagonal(step.information, axis1=1, axis2=2)[:, self._physical])
+        self._count += 1
+        if self._count == BLOCK:
+            self._blocks.append((self._sum.copy(), self._info.copy()))
+            self._sum[:], self._info[:], self._count = 0.0, 0.0, 0
+
+    def _name(self, frame: int, said: Verdicts) -> None:
+        """Two days after a component's first score chart rang, which parameter explains most."""
+        first = self._families[0][1].reshape(len(self._runs), -1)
+        new = (first == frame).any(axis=1) & ~((first < frame).any(axis=1))
+        for i in np.flatnonzero(new).tolist():
+            age = said.onset_age.reshape(first.shape)[i][first[i] == frame].max()
+            self._naming.setdefault(frame + NAMED_AFTER, []).append((i, int(age)))
+        for i, age in self._naming.pop(frame, []):
+            self._named(i, age + NAMED_AFTER)
+
+    def _named(self, i: int, updates: int) -> None:
+        found = self._score._chart.estimate(i, updates)
+        self._runs[i].named = self._symbols[int(np.argmax(found.gain))]
+
+    def finish(self) -> None:
+        """The runs are over."""
+        for left in self._naming.values():
+            for i, age in left:
+                self._named(i, age + NAMED_AFTER)
+        for family, first in self._families:
+            per = len(first) // len(self._runs)
+            for i, stream in enumerate(family.streams):
+                run, symbol = self._runs[i // per], stream.name.rpartition("/")[2]
+                if first[i] < self._onset:
+                    run.early.add(symbol.partition(":")[2])
+                elif np.isfinite(first[i]):
+                    run.streams[symbol] = first[i] - self._onset + 1
+        s = np.array([b[0] for b in self._blocks])
+        info = np.array([b[1] for b in self._blocks])
+        z = np.where(info > 0, s / np.sqrt(np.where(info > 0, info, 1.0)), np.nan)
+        for i, run in enumerate(self._runs):
+            run.z, run.information, run.innovation = z[:, i], info[:, i], self._innovation[:, i]
