@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.greybox.fit import scale_bounds, scale_unit
+from fdd.greybox.identifiability import invert
 from fdd.greybox.likelihood import Data, chain, from_scale, to_scale
-from fdd.greybox.results import FitResult, invert
+from fdd.greybox.results import FitResult
 from fdd.greybox.trust import minimise
 from fdd.models.declare import ComponentModel
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.signal import max_len_seq
 
 from fdd.greybox.fit import Progress
+from fdd.greybox.identifiability import invert
 from fdd.greybox.likelihood import Data, Likelihood
-from fdd.greybox.results import invert
 from fdd.greybox.simulate import realise
 from fdd.models.declare import ComponentModel
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from fdd.greybox.identifiability import invert, positive_definite, reservations, strongly_correlated
 from fdd.greybox.likelihood import Data, FilterPath, Likelihood, chain
 from fdd.models.declare import ComponentModel
 
@@ -88,7 +89,7 @@ class FitResult:
         model = likelihood.model
         names = model.symbols["parameters"]
         information, kind = fisher, "fisher"
-        if observed is not None and _positive_definite(observed[np.ix_(~at_bound, ~at_bound)]):
+        if observed is not None and positive_definite(observed[np.ix_(~at_bound, ~at_bound)]):
             information, kind = observed, "observed"
         inner, lost = invert(information, at_bound, [names[k] for k in free])
         if scatter is not None:
@@ -102,7 +103,7 @@ class FitResult:
         for k in free:
             if names[k] not in lost and names[k] not in bound:
                 bse[names[k]] = math.sqrt(max(cov[k, k], 0.0))
-        warnings = [*likelihood.warnings, *_reservations(lost, bound, converged, reason)]
+        warnings = [*likelihood.warnings, *reservations(lost, bound, converged, reason)]
         records = likelihood.records
         return cls(
             model_name=model.name,
@@ -214,6 +215,8 @@ class FitResult:
             else:
                 note = f"{self.bse[name]:>12.4g}{t[name]:>9.2f}{p[name]:>8.3f}"
             rows.append(f"{name:<14}{value:>14.6g}{note}  {units.get(name, '')}")
+        together = strongly_correlated(self.correlation, tuple(self.params))
+        rows += ["", "estimates that move together (correlation): " + together] if together else []
         return "\n".join([*head, *rows, *(["", *(f"! {w}" for w in self.warnings)] if self.warnings else [])])
 
     # Plain data
@@ -358,56 +361,3 @@ class FitResult:
         if self.likelihood is None:
             raise ValueError("this result was loaded without its data; give data")
         return self.likelihood
-
-
-def _positive_definite(H: FloatArray) -> bool:
-    if not np.isfinite(H).all():
-        return False
-    d = np.sqrt(np.abs(np.diag(H)))
-    d[d == 0] = 1.0
-    return bool(np.linalg.eigvalsh(H / np.outer(d, d)).min() > 1e-9) if len(H) else True
-
-
-def invert(
-    information: FloatArray, at_bound: NDArray[np.bool_], names: Sequence[str]
-) -> tuple[FloatArray, tuple[str, ...]]:
-    """Covariance of what can be identified, and the names of what cannot.
-
-    A direction of (almost) no information, seen on the scale where every parameter's own information is one, names the
-    parameters that take part in it; they are left out one after the other until the rest can be inverted.
-    """
-    k = len(information)
-    inside = [i for i in range(k) if not at_bound[i]]
-    lost: list[int] = []
-    # Less than 1e-3 on a log scale of e: the likelihood does not change when the parameter changes tenfold.
-    for i in list(inside):
-        if not information[i, i] > 1e-3:
-            inside.remove(i)
-            lost.append(i)
-    while inside:
-        part = information[np.ix_(inside, inside)]
-        d = np.sqrt(np.diag(part))
-        values, vectors = np.linalg.eigh(part / np.outer(d, d))
-        if values[0] > 1e-8:
-            break
-        worst = [i for i, v in zip(inside, np.abs(vectors[:, 0]), strict=True) if v > 0.3 * np.abs(vectors[:, 0]).max()]
-        lost += worst
-        inside = [i for i in inside if i not in worst]
-    out = np.zeros((k, k))
-    if inside:
-        out[np.ix_(inside, inside)] = np.linalg.inv(information[np.ix_(inside, inside)])
-    return out, tuple(names[i] for i in sorted(lost))
-
-
-def _reservations(lost: Sequence[str], bound: Sequence[str], converged: bool, reason: str) -> list[str]:
-    out = []
-    if lost:
-        out.append(
-            f"not identifiable from these data: {', '.join(lost)}; "
-            "fix them, give a prior, or excite what they act through"
-        )
-    if bound:
-        out.append(f"at a bound: {', '.join(bound)}; widen the bound or simplify the model")
-    if not converged:
-        out.append(f"the search did not converge ({reason}); try more starts")
-    return out

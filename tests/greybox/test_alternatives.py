@@ -62,7 +62,7 @@ def test_unscented_prediction_has_the_exact_mean_of_a_square() -> None:
 
 def test_estimates_by_another_filter_are_the_same_for_a_linear_model() -> None:
     d = ou1d()
-    short = Data(d.t[:50], d.u[:50], d.y[:50])
+    short = Data(d.t[:30], d.u[:30], d.y[:30])
     extended = fit(problems.ou1d(), short, errors="fisher")
     other = estimated(problems.ou1d(), short, "unscented", start=extended)
     assert other.converged
@@ -76,15 +76,15 @@ def test_estimates_by_the_unscented_filter_are_the_most_likely_by_it() -> None:
     """Outputs that are squares of a state known badly: the extended filter's estimates are not the best there."""
     m, d = squared()
     start = fit(m, d, fixed={"lr1": -2.0, "lr2": -1.0, "ls1": -1.0, "ls2": -1.0}, errors="fisher")  # type: ignore[arg-type]
-    other = estimated(m, d, "unscented", start=start)  # type: ignore[arg-type]
+    other = estimated(m, d, "unscented", start=start, substeps=2)  # type: ignore[arg-type]
     assert set(other.bse) == {"lth", "mu", "lal"}
-    at_start = filtered(m, d, start.values, "unscented", substeps=4).value  # type: ignore[arg-type]
+    at_start = filtered(m, d, start.values, "unscented", substeps=2).value  # type: ignore[arg-type]
     assert -other.llf <= at_start + 1e-9
     values = np.array(list(other.params.values()))
     for k in range(3):  # no neighbour is better
         for sign in (1, -1):
             moved = values + sign * 0.3 * other.bse[list(other.bse)[k]] * (np.arange(7) == k)
-            assert filtered(m, d, moved, "unscented", substeps=4).value > -other.llf  # type: ignore[arg-type]
+            assert filtered(m, d, moved, "unscented", substeps=2).value > -other.llf  # type: ignore[arg-type]
     for name, error in other.bse.items():
         assert (
             abs(other.params[name] - dict(zip(problems.ou2d().symbols["parameters"], VALUES, strict=True))[name])

@@ -37,6 +37,20 @@ def test_estimates_lie_within_their_errors_of_the_truth(result: FitResult) -> No
     assert np.abs((result.values - TRUE) / errors).max() < 4
 
 
+def test_estimates_that_move_together_are_named(record: Data) -> None:
+    """A level and the factor of an input far from zero: -6 / sqrt(1 + 36) for an input of plus and minus one."""
+    gain = problems.identity("g", 1.0, -9, 9)
+    m = dataclasses.replace(
+        problems.ou1d(), name="gain", parameters=(*problems.ou1d().parameters, gain),
+        drift=lambda x, u, p: {"x": p.th * (p.mu + p.g * (u.u + 6) - x.x)},
+    )  # fmt: skip
+    r = fit(m, record, errors="fisher")
+    correlation = r.correlation[m.symbols["parameters"].index("mu"), m.symbols["parameters"].index("g")]
+    assert correlation == pytest.approx(-6 / np.sqrt(37), abs=0.02)
+    assert f"g and mu {correlation:+.3f}" in r.summary()
+    assert "move together" not in fit(problems.ou1d(), record, errors="fisher").summary()
+
+
 def test_plain_data_come_back_the_same(result: FitResult, record: Data) -> None:
     again = FitResult.from_dict(json.loads(json.dumps(result.to_dict())), problems.ou1d(), record)
     assert again.to_dict() == result.to_dict()
