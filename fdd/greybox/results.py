@@ -312,6 +312,11 @@ class FitResult:
         )
 
     # What the filter saw
+    @property
+    def records(self) -> list[Data]:
+        """The records it was fitted to."""
+        return self._likelihood().records
+
     def paths(self, data: Data | None = None) -> list[FilterPath]:
         """Predictions, innovations and states at the estimates, a record each; on other data where given."""
         return self._likelihood(data).paths(self.values)

@@ -17,8 +17,8 @@ from fdd.service.baselines import accept
 from fdd.service.chiller_fit import FittedChiller, learn_chiller
 from fdd.service.errors import UsageError
 from fdd.service.feed import Feed
-from fdd.service.history import History, read_history
-from fdd.service.identify import IdentifyError, chance, identify
+from fdd.service.history import History, read_history, runs
+from fdd.service.identify import IdentifyError, chance, data_of, identify
 from fdd.service.opened import Opened, open_site
 from fdd.service.plan import Chiller, Component
 
@@ -88,13 +88,28 @@ def fit_site(
     for failure in failures:
         console.print(f"[yellow]not fitted:[/yellow] {failure}")
     if html:
-        for path in _write_validation([f for f in fitted if isinstance(f, Fitted)], opened, html):
+        later = _later(opened, until)
+        for path in _write_validation([f for f in fitted if isinstance(f, Fitted)], opened, later, html):
             console.print(f"validation: {path}")
     return fitted
 
 
-def _write_validation(fitted: Sequence[Fitted], opened: Opened, path: Path) -> list[Path]:
-    """Every test of each fit with plots; one page a component, named after it where there are several."""
+def _later(opened: Opened, until: str | None) -> History | None:
+    """What the sources hold after the fitted span, to cross-validate on."""
+    if until is None:
+        return None
+    try:
+        return read_span(opened, until, None)
+    except UsageError:
+        return None
+
+
+def _write_validation(fitted: Sequence[Fitted], opened: Opened, later: History | None, path: Path) -> list[Path]:
+    """Every test of each fit on its longest run, cross-validated on the longest one after it, with plots.
+
+    One page a component, named after it where there are several.
+    """
+    components = {c.name: c for c in opened.plan.components}
     points = {
         c.name: {
             **dict(zip(c.model.symbols["inputs"], c.inputs, strict=True)),
@@ -111,7 +126,10 @@ def _write_validation(fitted: Sequence[Fitted], opened: Opened, path: Path) -> l
             if (sd := opened.site.points[point].sensor_sd_si) is not None
         }
         own.parent.mkdir(parents=True, exist_ok=True)
-        write_html(validate(f.result, uncertainty=errors or None), own)
+        after = runs(opened.plan, components[f.baseline.component], later) if later is not None else []
+        other = data_of(max(after, key=lambda r: len(r.time))) if after else None
+        longest = max(f.result.records, key=len)
+        write_html(validate(f.result, longest, other=other, uncertainty=errors or None), own)
         written.append(own)
     return written
 

@@ -68,7 +68,7 @@ def identify(
             f"{', '.join((*component.inputs, *component.outputs))} have data there"
             + (f" and that the gate {component.when!r} is open" if component.when else "")
         )
-    result = fit(component.model, [_data(r) for r in found], start=start, starts=starts)
+    result = fit(component.model, [data_of(r) for r in found], start=start, starts=starts)
     baseline = Baseline(
         component=component.name,
         version=version,
@@ -97,7 +97,8 @@ def identify(
     ), result
 
 
-def _data(run: Run) -> Data:
+def data_of(run: Run) -> Data:
+    """A run as a record to fit or to validate on; time from its first sample."""
     return Data(t=(run.time - run.time[0]) / NANOSECONDS, u=run.u, y=run.y)
 
 
