@@ -23,7 +23,12 @@ from fdd.service.opened import Opened
 from fdd.service.replay import replay_site
 
 COLUMNS = ("component", "fault", "start", "end", "severity")
-FOUND, MISSED, FALSE = "#0072b2", "#b3400a", "#e69f00"
+OUTCOMES = {"found": "#0072b2", "missed": "#b3400a", "masked": "#9aa4ac"}
+FALSE = "#e69f00"
+BARS = (
+    "upper bar: faulty (blue found, red missed, grey masked by an earlier alarm)\n"
+    "lower bar: alarmed (green in a case, orange false)"
+)
 
 
 @dataclass(frozen=True)
@@ -253,6 +258,11 @@ def _severity(scored: Scored) -> Picture:
         if severity is not None:
             table.setdefault(fault, []).append((severity, g))
 
+    longest = max((g.delay or 0.0 for rows in table.values() for _, g in rows), default=0.0)
+    unit, size = next(
+        (u, s) for u, s in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)) if longest > 2 * s or u == "min"
+    )
+
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2)
         for fault, rows in table.items():
@@ -262,10 +272,14 @@ def _severity(scored: Scored) -> Picture:
             bars = [[v - low for v, (low, _) in zip(y, limits, strict=True)],
                     [high - v for v, (_, high) in zip(y, limits, strict=True)]]  # fmt: skip
             left.errorbar(x, y, yerr=bars, marker="o", ms=3, capsize=2, label=fault)
-            late = [(x, g.delay / 86400) for x, g in rows if g.delay is not None]
+            late = [(x, g.delay / size) for x, g in rows if g.delay is not None]
             right.plot([x for x, _ in late], [d for _, d in late], marker="o", ms=3, label=fault)
         left.set(xlabel="severity", ylabel="share found (95 % interval)", ylim=(-0.03, 1.03))
-        right.set(xlabel="severity", ylabel="median delay [d]", ylim=(0, None))
+        right.set(xlabel="severity", ylabel=f"median delay [{unit}]", ylim=(0, None))
+        sizes = sorted({x for rows in table.values() for x, _ in rows})
+        for axes in (left, right):
+            axes.set_xlim(0.0, 1.1 * sizes[-1])
+            axes.set_xticks(sizes, [f"{x:g}" for x in sizes])
         left.legend()
 
     return drawn(draw, "Share of cases found, and median delay, against the severity of the fault")
@@ -284,7 +298,7 @@ def _timeline(scored: Scored) -> Picture:
             for case in scored.score.cases:
                 if case.label.component == name:
                     span = (days(case.label.start), days(case.label.end) - days(case.label.start))
-                    axes.broken_barh([span], (row + 0.05, 0.38), color=MISSED if case.outcome == "missed" else FOUND)
+                    axes.broken_barh([span], (row + 0.05, 0.38), color=OUTCOMES[case.outcome])
             for alarm in scored.alarms:
                 if alarm.component == name:
                     span = (days(alarm.start), max(days(alarm.end) - days(alarm.start), 0.05))
@@ -292,8 +306,9 @@ def _timeline(scored: Scored) -> Picture:
                         [span], (row - 0.43, 0.38), color=FALSE if alarm in scored.score.false else "#1d6b4f"
                     )
         axes.set_yticks(range(len(names)), names)
+        axes.set_ylim(-0.55, len(names) - 0.45)
         axes.set_xlim(0, days(scored.last))
         axes.set_xlabel(f"days since {scored.opened.local(scored.first)}")
-        axes.set_title("upper bar: faulty (blue found, red missed); lower bar: alarmed (green in a case, orange false)")
+        axes.set_title(BARS, fontsize=8)
 
     return drawn(draw, "When each component was faulty, and when it was alarmed", (7.2, 1.2 + 0.4 * len(names)))
