@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import os
-import re
 import time
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from fdd.greybox.fit import fit
+from fdd.greybox.inference import profile
 from fdd.greybox.likelihood import Data
-from fdd.greybox.simulate import simulate as simulate_fit
-from fdd.models.declare import ComponentModel
 from fdd.models.registry import get_model
 from fdd.plant.district import district_plant, outside
 from fdd.plant.network import Network
@@ -25,15 +21,19 @@ from fdd.records import FloatArray
 # Paper C: where the threshold is
 
 
-def threshold_profile(record: Data, quick: bool) -> dict[str, float]:
+def threshold_profile(record: Data, quick: bool) -> dict[str, Any]:
     """Profile likelihood of the threshold's centre on a simulated record of the paper's rig, true centre Re 2130."""
     model = get_model("pipe_hydraulic")
     free = fit(model, record, errors="observed")
-    grid = free.params["Re_t"] + free.bse["Re_t"] * np.linspace(-4.0, 4.0, 5 if quick else 13)
-    profile = [-fit(model, record, start=free, fixed={"Re_t": c}, errors="fisher").llf for c in grid]
-    k = int(np.clip(np.argmin(profile), 1, len(grid) - 2))
-    a, b, _ = np.polyfit(grid[k - 1 : k + 2], profile[k - 1 : k + 2], 2)
-    return {"centre": float(-b / (2 * a)), "estimate": free.params["Re_t"], "error": free.bse["Re_t"]}
+    found = profile(free, "Re_t", points=6 if quick else 8)
+    k = int(np.clip(np.argmin(found.drop), 1, len(found.drop) - 2))
+    a, b, _ = np.polyfit(found.values[k - 1 : k + 2], found.drop[k - 1 : k + 2], 2)
+    return {
+        "centre": float(-b / (2 * a)),
+        "estimate": free.params["Re_t"],
+        "error": free.bse["Re_t"],
+        "interval": list(found.interval),
+    }
 
 
 # Paper E: Dahl against play against Bliman-Sorine
@@ -86,39 +86,6 @@ def _openings(truth: str, u: FloatArray, rng: np.random.Generator) -> FloatArray
             rates = model.drift(SimpleNamespace(**state), now, p)
             state = {s: v + rates[s] for s, v in state.items()}
     return np.asarray(y + values["noise"] * rng.standard_normal(len(u)))
-
-
-# Measured pipes
-
-
-def measured_pipes() -> dict[str, Any] | None:
-    """Thermal pipe fitted to one measured step, cross-validated by simulation on the other runs of the rig."""
-    folder = Path(os.environ.get("FDD_SHARED", Path(__file__).resolve().parents[2] / "shared")) / "data/modelica_pipe"
-    files = sorted(folder.glob("PipeDataULg*.mos"))
-    if not files:
-        return None
-    model = get_model("pipe_thermal", compartments=12)
-    records = {f.stem.removeprefix("PipeDataULg"): _pipe_record(f, model) for f in files}
-    first = next(iter(records))
-    found = fit(model, records[first], start={"C": 4.5e5}, errors="fisher")
-    errors = {}
-    for name, record in records.items():
-        simulated = simulate_fit(found, record)[:, 0]
-        errors[name] = (float(np.sqrt(np.mean((record.y[:, 0] - simulated) ** 2))), float(np.ptp(record.y)))
-    return {"C": found.params["C"], "fitted": first, "errors": errors}
-
-
-def _pipe_record(path: Path, model: ComponentModel) -> Data:
-    """Columns: time, flow, wall at the outlet, water at the outlet, wall at the inlet, water at the inlet."""
-    lines = [line.strip().rstrip(";") for line in path.read_text().splitlines()]
-    table = np.array(
-        [[float(v) for v in line.split(",")] for line in lines if re.match(r"^-?\d", line) and "," in line]
-    )
-    table = table[np.concatenate([[True], np.diff(table[:, 0]) > 0])]
-    n = len(model.states)
-    u = np.column_stack([table[:, 5], table[:, 1], np.full(len(table), 18.0)])
-    x0 = np.full(n, table[0, 3])
-    return Data(table[:, 0], u, table[:, 3], hold="first", x0=x0, P0=np.eye(n) * 1e-4, name=path.stem)
 
 
 # A large plant
