@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -148,10 +149,19 @@ def table(runs: Mapping[str, Judged]) -> str:
     return "\n".join(lines)
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """One temperature a section on all runs; with ``--wall`` the wall's variant, fitted to the first run."""
     if not load(False):
         print(f"no measured pipes in {folder()}; set FDD_SHARED to the folder that holds data/modelica_pipe")
+    elif "--wall" in sys.argv:
+        wall, plain, runs = with_wall()
+        print(dict(wall.params), dict(wall.bse), f"log-likelihood {wall.llf:.1f}, one capacity {plain.llf:.1f}")
+        print(table(runs), {n: round(j.wall_error, 2) for n, j in runs.items()})
     else:
         print(table(cross_validated(False)))
         everything = fitted(False)
         print(dict(everything.params), dict(everything.bse), f"water {WATER:.0f}, steel {STEEL:.0f} J/K")
+
+
+if __name__ == "__main__":
+    main()
