@@ -25,6 +25,8 @@ PLANE_MOST = (48, 28)
 """Most nodes along and across a shift for the two-dimensional equation of the MEWMA."""
 PLAIN_MOST = 1e8
 """Mean run length up to which 1 - P is solved as it stands; it loses a digit with every factor of ten."""
+NEVER = 1e100
+"""Longest mean run length that is told: that of a CUSUM's other side under a large shift."""
 _ROOT_2PI = float(np.sqrt(2 * np.pi))
 
 
@@ -79,6 +81,7 @@ def _mean_without_subtraction(matrix: FloatArray, leave: FloatArray) -> FloatArr
         pivot[k] = leave[k]
         for j in range(k):
             pivot[k] += matrix[k, j]
+        pivot[k] = max(pivot[k], 1e-300)  # a node that is never left for an alarm, to all that a double can say
         for i in range(k):
             share = matrix[i, k] / pivot[k]
             leave[i] += share * leave[k]
@@ -90,7 +93,7 @@ def _mean_without_subtraction(matrix: FloatArray, leave: FloatArray) -> FloatArr
         total = right[k]
         for j in range(k):
             total += matrix[k, j] * mean[j]
-        mean[k] = total / pivot[k]
+        mean[k] = min(total / pivot[k], NEVER)
     return mean
 
 

@@ -141,3 +141,11 @@ def test_sampling_table_says_what_taking_fewer_samples_costs() -> None:
     assert [r[0] for r in rows] == ["5 min", "15 min", "60 min"]
     assert all(len(r) == len(head) for r in rows)
     assert rows[0][1:3] == rows[0][3:5]  # the first interval is the same for both
+
+
+@pytest.mark.parametrize("shift", [5.0, 20.0, 100.0, 1000.0])
+def test_the_side_that_a_large_shift_never_reaches_is_no_obstacle(shift: float) -> None:
+    rule, h = Rule("cusum"), 10.0
+    least = int(np.ceil(h / (shift - 0.5)))  # sums of shift - k until they pass h
+    assert arl(rule, h, shift) == pytest.approx(least, abs=0.5)
+    assert least <= run_length_quantile(rule, h, 0.5, shift) <= least + 1
