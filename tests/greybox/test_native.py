@@ -22,6 +22,13 @@ def mean(a: array, n: int) -> float:
     return t / n
 
 
+def pick(a: array, table: indices[2], n: int) -> float:
+    t = 0.0
+    for i in range(n):
+        t += a[table[i, 0]] * a[table[i, 1]]
+    return t
+
+
 def work(a: array, b: rows[SIZE], which: flags, counts: integers, x: float) -> float:
     for k in range(SIZE):
         t = wide(0.0)
@@ -62,6 +69,11 @@ def test_machine_code_does_what_the_text_says(tmp_path: Path, x: float) -> None:
     assert results[0][0] == pytest.approx(results[1][0], rel=1e-14)
     np.testing.assert_allclose(results[0][1], results[1][1], rtol=1e-14)
     np.testing.assert_array_equal(results[0][2], results[1][2])
+
+
+def test_tables_of_whole_numbers_are_indices(tmp_path: Path) -> None:
+    a, table = np.array([2.0, 3.0, 5.0, 7.0]), np.array([[0, 1], [3, 2], [1, 1]])
+    assert native.module(TEXT, ["pick"], tmp_path).pick(a, table, 3) == 2 * 3 + 7 * 5 + 3 * 3
 
 
 def test_arrays_of_another_kind_are_refused(tmp_path: Path) -> None:
