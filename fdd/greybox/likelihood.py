@@ -21,7 +21,7 @@ FAILURES = {
 }
 TOO_FAST = 8
 STIFF = 32  # Runge-Kutta substeps a sample from which local linearisation is tried
-LOCAL_COST = 8  # Runge-Kutta substeps that one of local linearisation costs
+LOCAL_COST = 16  # Runge-Kutta substeps that one of local linearisation costs: 5 (four states) to 22 (two) were measured
 
 
 class DataError(ValueError):
