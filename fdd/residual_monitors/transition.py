@@ -48,9 +48,10 @@ class Transition:
     def mean(self) -> FloatArray:
         """Mean run length from each node, shape (m,)."""
         m = len(self.matrix)
-        plain = np.asarray(np.linalg.solve(np.eye(m) - self.matrix, np.ones(m)))
-        if self.leave is None or (plain.min() > 0 and plain.max() < PLAIN_MOST):
-            return plain
+        if self.leave is None or self.leave.max() > 1.0 / PLAIN_MOST:
+            plain = np.asarray(np.linalg.solve(np.eye(m) - self.matrix, np.ones(m)))
+            if self.leave is None or (plain.min() > 0 and plain.max() < PLAIN_MOST):
+                return plain
         return np.asarray(_mean_without_subtraction(self.matrix.copy(), self.leave.copy()))
 
     def quasi_stationary(self) -> FloatArray:
