@@ -254,6 +254,7 @@ class Likelihood:
 
         Where Runge-Kutta would need more than ``STIFF`` substeps a sample, local linearisation takes its place if it
         costs less. They stay as they are between calls, so that the likelihood is one smooth function during a search.
+        Where a likelihood exists with those that stand and with no others, they stand.
         """
         if self._fixed_substeps:
             return False
@@ -266,8 +267,18 @@ class Likelihood:
             status = self._run(i, values, False)[-1]
             if self.method is None and self._methods[i] == "rk4" and (status == TOO_FAST or n.mean() > STIFF):
                 self._linearise(i, values, status)
+            self._keep_what_works(i, values, *before[i])
         after = zip(self._methods, self._nsub, strict=True)
         return any(a[0] != b[0] or (a[1] != b[1]).any() for a, b in zip(before, after, strict=True))
+
+    def _keep_what_works(self, i: int, values: FloatArray, method: codegen.Method, substeps: FloatArray) -> None:
+        """Take a record's former method and substeps back where only these have a likelihood."""
+        if not substeps.any() or self._run(i, values, False)[-1] == 0:
+            return
+        chosen = self._methods[i], self._nsub[i].copy()
+        self._methods[i], self._nsub[i][:] = method, substeps
+        if self._run(i, values, False)[-1] != 0:
+            self._methods[i], self._nsub[i][:] = chosen
 
     def _linearise(self, i: int, values: FloatArray, status: int) -> None:
         """Local linearisation for a record, unless Runge-Kutta has a likelihood and costs less."""
