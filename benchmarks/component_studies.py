@@ -36,6 +36,33 @@ def threshold_profile(record: Data, quick: bool) -> dict[str, Any]:
     }
 
 
+# Paper F and B: time constants
+
+# Andersen (2001), Paper F, Tab. 1, in kJ/(K h) and kJ/K; its eigenvalues give 33 and 57 min, 22.6 and 62.9 h.
+TEST_HOUSE = {
+    "B_out_south": 12.65, "B_boundary": 32.39, "B_south_north": 38.95, "B_floor_south": 542.18,
+    "B_out_north": 28.35, "B_floor_north": 624.34,
+    "C_air_south": 421.28, "C_floor_south": 1531.85, "C_air_north": 810.19, "C_floor_north": 3314.74,
+}  # fmt: skip
+PAPER_MINUTES = (33.0, 57.0, 22.6 * 60.0, 62.9 * 60.0)
+
+
+def time_constants() -> FloatArray:
+    """The four of the paper's two-room house with its Tab. 1 [min], from the shortest."""
+    model = get_model("building", outside="each", boundary=True)
+    p = {q.symbol: q.typical for q in model.parameters}
+    p |= {s: v / 3.6 if s[0] == "B" else v * 1e3 for s, v in TEST_HOUSE.items()}
+    u = SimpleNamespace(**dict.fromkeys(model.symbols["inputs"], 0.0))
+
+    def rates(x: FloatArray) -> FloatArray:
+        state = SimpleNamespace(**dict(zip(model.symbols["states"], x.tolist(), strict=True)))
+        d = model.drift(state, u, SimpleNamespace(**p))
+        return np.array([d[s] for s in model.symbols["states"]])
+
+    jacobian = np.array([rates(e) for e in np.eye(len(model.states))]).T  # linear, and zero at zero
+    return np.sort(-1.0 / np.linalg.eigvals(jacobian).real) / 60.0
+
+
 # Paper E: Dahl against play against Bliman-Sorine
 
 FRICTIONS = ("play", "dahl", "bliman-sorine")

@@ -50,6 +50,9 @@ def physics(quick: bool, about: dict[str, Any]) -> Figures:
     closures = balances()
     about["energy balances"] = closures
     worst = max(closures.values())
+    minutes = studies.time_constants()
+    about["two-room house, time constants [min]"] = minutes.round(1).tolist()
+    apart = float(np.abs(minutes / np.array(studies.PAPER_MINUTES) - 1.0).max())
     case = replace(CASES["pipe_hydraulic"], rows=3000)
     threshold = studies.threshold_profile(experiment(case, 3)[1], quick)
     about["threshold"] = threshold
@@ -64,6 +67,9 @@ def physics(quick: bool, about: dict[str, Any]) -> Figures:
     needed = slow["dahl"] / slow["bliman-sorine"]
     return {
         "energy balance, worst": figure(worst, "of throughput", "<= 1e-9", worst <= 1e-9),
+        "building, time constants against the paper's": figure(
+            apart, "largest relative difference", "<= 0.02, as it is rounded", apart <= 0.02
+        ),
         "pipe threshold, centre of the profile": figure(
             threshold["centre"], "Re", "2130 within 3 standard errors", off <= 3 * threshold["error"]
         ),

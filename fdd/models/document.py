@@ -21,6 +21,11 @@ FOLDER = Path(__file__).resolve().parents[2] / "docs" / "models"
 # Shown with options where the default hides what the paper is about.
 SHOWN: Mapping[str, Mapping[str, Any]] = {"heat_exchanger": {"compartments": 2}, "pipe_thermal": {"compartments": 2}}
 
+FAULTS = """Which fault moves which parameter: [measured in simulation](faults/matrix.md), also
+[as data](faults/matrix.json). Models [on measured data](faults/measured.md), and
+[a simulated air handler](faults/air-handler-plant.md) watched by the engine.
+"""
+
 
 def page(name: str) -> str:
     """The Markdown page of one model."""
@@ -56,7 +61,7 @@ def index() -> str:
         needed = ", ".join(f"`{q.symbol}`" for q in (*m.inputs, *m.outputs))
         rows.append((f"[{m.title}]({name}.md)", f"`{name}`", str(len(m.states)), str(len(m.parameters)), needed))
     head = "<!-- Made by python -m fdd.models.document; do not edit. -->\n\n# Component models\n\n"
-    return head + _table(("model", "name", "states", "parameters", "points it needs"), rows) + "\n"
+    return head + _table(("model", "name", "states", "parameters", "points it needs"), rows) + "\n\n" + FAULTS
 
 
 def pages() -> dict[str, str]:
