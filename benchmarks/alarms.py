@@ -214,7 +214,7 @@ def detected(quick: bool, console: Console) -> tuple[Figures, dict[str, Any]]:
     seeds = (2,) if quick else (2, 3, 4, 5, 6, 7)
     houses = detection.parameter_faults((0.3,) if quick else detection.SIZES)
     if quick:
-        houses = [tuple(f for f in house if f.component != "building") for house in houses[:2]]
+        houses = [tuple(f for f in house if f.component == "radiator-south") for house in houses[:2]]
     runs = [run for seed in seeds for run in detection.watch(houses, seed)]
     kinds = [] if quick else [run for seed in seeds for run in detection.watch(detection.plant_faults(), seed)]
     table, faults = detection_tables.rows(runs), detection_tables.kind_rows(kinds)
