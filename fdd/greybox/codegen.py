@@ -479,41 +479,45 @@ class Generator:
         n, r, first = self.n, range(self.n), self.variant.hold == "first"
         top, middle = self.scopes("u0")
         drive = [f"c_{i} = {middle(c)}" for i, c in enumerate(self.s.c)]
-        own = [self._own(middle, c) for c in self.s.c] if self.K else []
-        lines = [*top.lines, *middle.lines, *drive]
+        maps = [("a", "AD"), ("b", "PH"), *([("g", "PH2")] if first else [])]
+        load = [f"{m}{i}_{j} = w[{name} + {i * n + j}]" for m, name in maps for i in r for j in r]
+        load += [f"x{i} = w[{i}]" for i in r]
+        slope: list[str] = []
+        after_top, after = self.scopes("u1")
         if first:
-            after_top, after = self.scopes("u1")
             after.prefix = "a"
             slope = [f"d_{i} = ({_wrap(after(c))} - c_{i}) / dt" for i, c in enumerate(self.s.c)]
-            later = [self._own(after, c) for c in self.s.c] if self.K else []
-            lines += [*after_top.lines, *after.lines, *slope]
-        lines += [f"{m}{i}_{j} = w[{name} + {i * n + j}]" for m, name in self._maps() for i in r for j in r]
-        lines += [f"x{i} = w[{i}]" for i in r]
-        if self.K:
-            body = [f"r{i} = w[{self.at['T'] + i * self.K} + k]" for i in r] + [f"e{i} = {own[i]}" for i in r]
-            body += [f"f{i} = ({later[i]} - e{i}) / dt" for i in r] if first else []
-            lines += [f"for k in range({self.K}):", *indent([*body, *self._state_tangents()])]
+        tangent = self._state_tangents(middle, after) if self.K else []
+        lines = [*top.lines, *middle.lines, *drive, *after_top.lines, *after.lines, *slope, *load, *tangent]
         for i in r:
             total = " + ".join(f"a{i}_{j} * x{j} + b{i}_{j} * c_{j}" for j in r)
             total += "".join(f" + g{i}_{j} * d_{j}" for j in r) if first else ""
             lines.append(f"w[X + {i}] = {total}")
         return lines
 
-    def _maps(self) -> list[tuple[str, str]]:
-        return [("a", "AD"), ("b", "PH"), *([("g", "PH2")] if self.variant.hold == "first" else [])]
+    def _state_tangents(self, middle: Scope, after: Scope) -> list[str]:
+        """Tangents of x + Ph f (+ Ph2 df/dt), which is the same as Ad x + Ph c and has fewer products.
 
-    def _state_tangents(self) -> list[str]:
-        n, K, at, lines = self.n, self.K, self.at, []
-        moving = [any(self.s.graph.diff(c, p) is not self.s.graph.zero for p in self.s.p) for c in self.s.c]
-        drives = {"a": ("x", "r", [True] * n), "b": ("c_", "e", moving), "g": ("d_", "f", moving)}
+        With f = A x + c and Ad = 1 + Ph A they are Ad dx + dPh f + Ph (dA x + dc).
+        """
+        n, K, at, s, zero = self.n, self.K, self.at, self.s, self.s.graph.zero
+        scope = middle.inner({x.index: f"x{i}" for i, x in enumerate(s.x)}, "f")
+        lines = [f"f_{i} = {scope(f)}" for i, f in enumerate(s.f)]
+        body = [f"r{i} = w[{at['T'] + i * K} + k]" for i in range(n)]
+        body += [f"e{i} = {self._own(scope, f)}" for i, f in enumerate(s.f)]
+        terms = [("PH", "f_", "b", "e", s.f)]
+        if self.variant.hold == "first":
+            body += [f"h{i} = ({self._own(after, c)} - {self._own(middle, c)}) / dt" for i, c in enumerate(s.c)]
+            terms.append(("PH2", "d_", "g", "h", s.c))
         for i in range(n):
-            terms = []
-            for m, name in reversed(self._maps()):  # what waits for the sample before comes last
-                value, tangent, some = drives[m]
-                terms += [f"w[{at['T' + name] + (i * n + j) * K} + k] * {value}{j}" for j in range(n)]
-                terms += [f"{m}{i}_{j} * {tangent}{j}" for j in range(n) if some[j]]
-            lines.append(f"w[{at['T'] + i * K} + k] = {' + '.join(terms)}")
-        return lines
+            total = []
+            for name, value, matrix, own, of in terms:
+                total += [f"w[{at['T' + name] + (i * n + j) * K} + k] * {value}{j}" for j in range(n)]
+                moving = [any(s.graph.diff(e, p) is not zero for p in s.p) for e in of]
+                total += [f"{matrix}{i}_{j} * {own}{j}" for j in range(n) if moving[j]]
+            total += [f"a{i}_{j} * r{j}" for j in range(n)]  # what waits for the sample before comes last
+            body.append(f"w[{at['T'] + i * K} + k] = {' + '.join(total)}")
+        return [*scope.lines, *lines, f"for k in range({K}):", *indent(body)]
 
     def propagate_covariance(self) -> list[str]:
         """P+ = Ad P Ad' + Qd, unrolled."""

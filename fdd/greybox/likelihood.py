@@ -307,7 +307,7 @@ class Likelihood:
                 return Evaluation(math.inf, gradient, fisher, reason)
             total, gradient, fisher = total + value, gradient + g, fisher + info
         scale = chain(self.model, values)
-        return Evaluation(total, gradient * scale, fisher * np.outer(scale, scale))
+        return Evaluation(total, gradient * scale, fisher * np.outer(scale, scale) if information else fisher)
 
     def losses(self, values: FloatArray) -> FloatArray:
         """What each measured value adds to the NLL at natural parameters (n_p,), all records after one another."""
