@@ -1,6 +1,6 @@
 """Faults on simulated plants, watched by the service's engine: what evidence each leaves behind.
 
-The district-heated house gives exchanger, radiators and building; a heated room gives the single zone. A fault begins
+The district-heated house gives exchanger, radiators and building. A fault begins
 in the middle of the third day and stands; the evidence is what the engine remembers four and a half days later.
 """
 

@@ -41,6 +41,8 @@ def advice(h: Hypothesis, size: float) -> tuple[str, ...]:
     base = h.name.rpartition("-")[0] if h.name.startswith("open-window-") else h.name
     if h.kind == "component":
         return CHECKS.get(base, h.checks)
+    if h.unit == "frozen":
+        return CHECKS["stuck"]
     if h.where:
         return (_instrument(h, size),)
     return h.checks or CHECKS.get(base, ())

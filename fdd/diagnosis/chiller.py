@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fdd.chiller_eiv.cost import ExtraCost
 from fdd.chiller_eiv.online import ChillerOutputs
 from fdd.records import JsonObject
 
@@ -44,7 +45,7 @@ CHECKS = {
 
 
 def chiller_finding(outputs: ChillerOutputs, currency: str) -> JsonObject | None:
-    """What is told of a chiller in alarm: ``summary``, ``causes``, ``checks`` and ``evidence`` of an alarm; plain data.
+    """What is told of a chiller in alarm, plain data: ``summary``, ``causes``, ``checks``, ``evidence``.
 
     Parameters
     ----------
@@ -67,30 +68,37 @@ def chiller_finding(outputs: ChillerOutputs, currency: str) -> JsonObject | None
     evidence: JsonObject = {}
     if outputs.sensors is not None:
         evidence["heat_balance"] = outputs.sensors.note
+    if outputs.cost is not None:
+        evidence["cost_per_day"] = _cost(outputs.cost, currency)
     return {
         "summary": found.sentence,
         "causes": [cause],
         "checks": checks,
-        "evidence": {**evidence, **_cost(outputs, currency)},
+        "evidence": evidence,
     }
 
 
-def _cost(outputs: ChillerOutputs, currency: str) -> JsonObject:
-    cost = outputs.cost
-    if cost is None:
-        return {}
+def _cost(cost: ExtraCost, currency: str) -> JsonObject:
+    """The alarm's ``cost_per_day``, in the form of :func:`fdd.diagnosis.cost.daily_cost`."""
     half = 1.96 * cost.energy_day_se
-    energy = f"{cost.energy_day:.0f} kWh a day more than the healthy machine at the same load and temperatures"
-    told: JsonObject = {"extra_kWh_per_day": cost.energy_day, "extra_kWh_per_day_half_width": half}
-    if np.isfinite(cost.money_day) and cost.energy_day:
-        price = cost.money_day / cost.energy_day
-        told["cost_per_day"] = {
-            "value": cost.money_day,
-            "lower": cost.money_day - price * half,
-            "upper": cost.money_day + price * half,
-            "basis": energy,
-            "currency": currency,
-        }
-    else:
-        told["power_W"] = cost.energy_day * 1000 / 24
-    return told
+    told: JsonObject = {
+        "value": None,
+        "lower": None,
+        "upper": None,
+        "kWh_per_day": cost.energy_day,
+        "kWh_per_day_half_width": half,
+        "degree_hours_per_day": None,
+        "currency": currency or "EUR",
+        "kind": "energy",
+        "basis": f"{cost.energy_day:.0f} kWh a day more than the healthy machine at the same load and temperatures "
+        f"(give or take {half:.0f})",
+        "why": "",
+    }
+    if not np.isfinite(cost.money_day) or not cost.energy_day:
+        return told | {"why": "no price is known: give tariffs: electricity (per kWh) in the site file"}
+    price = cost.money_day / cost.energy_day
+    return told | {
+        "value": cost.money_day,
+        "lower": cost.money_day - price * half,
+        "upper": cost.money_day + price * half,
+    }

@@ -115,7 +115,10 @@ def _renamed(entry: Mapping[str, Any], model: ComponentModel) -> dict[str, Any] 
 
 
 def _fits(entry: Mapping[str, Any], model: ComponentModel) -> bool:
+    """Whether a signature was measured on this form of the model: its options, its symbols."""
     symbols = model.symbols
+    if any(model.options.get(k) != v for k, v in entry.get("options", {}).items()):
+        return False
     return set(entry["shift"]) <= set(symbols["parameters"]) and set(entry["mean"]) == set(symbols["outputs"])
 
 

@@ -11,7 +11,7 @@ from fdd.records import Baseline
 from fdd.report.evidence import Evidence, Trace
 from fdd.report.findings import Finding
 from fdd.report.site import ComponentInfo, SiteInfo
-from fdd.report.words import chart_words, in_words, interval, local_day, percent, quantity, sentence, split_chart
+from fdd.report.words import DAY, chart_words, in_words, interval, local_day, percent, quantity, sentence, split_chart
 from fdd.store.store import Store
 
 MODEL = "gordon_ng"
@@ -47,6 +47,9 @@ class ChillerSection:
     reasons: tuple[str, ...]
     parameters: tuple[ParameterLine, ...]
     residual: str
+    last_day: str
+    """Measured and expected power over the last day with points."""
+    severity: str
     points: str
     charts: tuple[tuple[str, str], ...]
     """What each chart watches, and how far its statistic is from its limit."""
@@ -75,6 +78,8 @@ def chiller_section(
         reasons=reasons,
         parameters=tuple(_line(s, info, baseline, evidence, site) for s in info.parameters if s in baseline.parameters),
         residual=_residual(inside),
+        last_day=_last_day(inside, site),
+        severity=next((f.severity for f in findings), ""),
         points=_points(store, name, inside, start, end),
         charts=tuple(_charts(info, evidence, start, end)),
         cost=next((f"{f.cost} ({f.cost_detail})" if f.cost_detail else f.cost for f in findings if f.cost), ""),
@@ -110,6 +115,21 @@ def _residual(trace: Trace | None) -> str:
         return "no steady point in this period"
     spread = 1.4826 * float(np.median(np.abs(share - np.median(share))))
     return f"{np.median(share):+.1f} % of the expected power (median; points scatter by {spread:.1f} %)"
+
+
+def _last_day(trace: Trace | None, site: SiteInfo) -> str:
+    """Mean power over the last day that had steady points, and what the healthy machine would have drawn."""
+    if trace is None or not len(trace.time):
+        return "no steady point in this period"
+    last = trace.between(int(trace.time[-1]) + 1 - DAY, int(trace.time[-1]) + 1)
+    both = np.isfinite(last.measured) & np.isfinite(last.predicted)
+    if not both.any():
+        return "no steady point in this period"
+    measured, expected = float(last.measured[both].mean()), float(last.predicted[both].mean())
+    return (
+        f"{quantity(measured, 'W')} measured, {quantity(expected, 'W')} expected "
+        f"(24 hours to {local_day(int(last.time[-1]), site.tz)}, {int(both.sum())} steady points)"
+    )
 
 
 def _points(store: Store, name: str, trace: Trace | None, start: int, end: int) -> str:

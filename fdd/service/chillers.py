@@ -16,6 +16,8 @@ from fdd.chiller_eiv.model import ChillerError
 from fdd.chiller_eiv.online import ChillerMonitor, ChillerOutputs
 from fdd.chiller_eiv.rows import daily_chart, output_rows, stream_of, weekly_chart
 from fdd.diagnosis.chiller import chiller_finding
+from fdd.diagnosis.cost import Tariffs, with_cost
+from fdd.diagnosis.ranking import severity
 from fdd.records import Alarm, Baseline, FloatArray, JsonObject, Rows
 from fdd.residual_monitors.chart import Phase
 from fdd.service.alarms import Ring
@@ -43,7 +45,9 @@ class Chillers:
     def __init__(self, plan: Plan, baselines: Mapping[str, Baseline]) -> None:
         columns = {name: i for i, name in enumerate(plan.columns)}
         self._watched = {
-            c.name: _Watched(c, baselines[c.name], columns, plan.hold) for c in plan.chillers if c.name in baselines
+            c.name: _Watched(c, baselines[c.name], columns, plan.hold, plan.tariffs)
+            for c in plan.chillers
+            if c.name in baselines
         }
         self._failed: dict[str, int] = {}
         self.notes: dict[str, str] = {}
@@ -102,8 +106,10 @@ class Chillers:
 class _Watched:
     """One chiller: its monitor, and what the engine remembers around it."""
 
-    def __init__(self, chiller: Chiller, baseline: Baseline, columns: Mapping[str, int], hold: int) -> None:
-        self.chiller = chiller
+    def __init__(
+        self, chiller: Chiller, baseline: Baseline, columns: Mapping[str, int], hold: int, tariffs: Tariffs
+    ) -> None:
+        self.chiller, self._tariffs = chiller, tariffs
         self._version = baseline.version
         self._monitor = ChillerMonitor(chiller.config, chiller_baseline(chiller, baseline))
         self._quantities = tuple(chiller.inputs)
@@ -157,9 +163,11 @@ class _Watched:
         if self._told is None:
             return alarm
         told = self._told
+        grade, cost = severity(list(alarm.evidence["charts"].values())), told["evidence"].get("cost_per_day")
         return replace(
             alarm,
             summary=f"{self.chiller.name}: {told['summary']}",
+            severity=grade if cost is None else with_cost(grade, cost, self._tariffs),
             causes=tuple(told["causes"]),
             checks=tuple(told["checks"]),
             evidence={**alarm.evidence, **told["evidence"]},

@@ -79,3 +79,53 @@ def test_a_model_that_nobody_measured_is_left_to_its_declared_signs() -> None:
         pump.symbols["outputs"], np.ones(2), np.ones(2), np.zeros(2),
     )  # fmt: skip
     assert measured_causes(pump, seen) == ()
+
+
+ZONE = ("C_i", "C_e", "R_ie", "R_ea", "A_w")
+
+
+@pytest.mark.parametrize(
+    ("shift", "mean", "jump", "name", "where"),
+    [
+        # A heater that gives 0.8 of what is metered: the balance divided by 0.8 has larger C and A_w and smaller R.
+        ({s: 0.223 * (-1 if s.startswith("R") else 1) for s in ZONE}, -2.0, 0.0, "heater", ""),
+        # A window that stands open: only the resistance to the outside falls.
+        ({"R_ea": -0.262}, -2.0, 0.0, "open-window", ""),
+        # A sensor that is off from one sample to the next: the reading jumps, the physics stays.
+        ({"R_ea": 0.03}, 0.3, 25.0, "bias", "T_in"),
+    ],
+)
+def test_a_zone_tells_its_sensor_from_its_heater(
+    shift: dict[str, float], mean: float, jump: float, name: str, where: str
+) -> None:
+    model = get_model("zone", nodes="TiTe")
+    physical = tuple(p for p in model.parameters if p.kind == "physical")
+    assert tuple(p.symbol for p in physical) == ZONE
+    information = np.eye(5) * 1e4
+    seen = Departure(
+        symbols=ZONE,
+        values=np.array([p.typical for p in physical]),
+        score=information @ np.array([shift.get(s, 0.0) for s in ZONE]),
+        information=information,
+        spread=np.ones(5),
+        baseline=np.eye(5) * 1e-4,
+        outputs=("T_in",),
+        innovation=np.array([1000 * mean]),
+        count=np.array([1000.0]),
+        jump=np.array([jump]),
+    )
+    causes = measured_causes(model, seen)
+    assert (causes[0]["name"], causes[0]["where"]) == (name, where), causes
+    assert all(": " in check for cause in causes[:3] for check in cause["checks"])
+
+
+def test_signatures_of_another_form_of_the_model_are_not_used() -> None:
+    from fdd.diagnosis.hypotheses import hypotheses
+
+    for nodes in ("Ti", "TiTe", "TiTeTh"):
+        model = get_model("zone", nodes=nodes)
+        physical = tuple(p.symbol for p in model.parameters if p.kind == "physical")
+        names = [(h.name, h.where) for h in hypotheses(model, physical) if h.measured]
+        assert len(names) == len(set(names)) == 5, nodes
+    model = get_model("zone", nodes="TiTh")
+    assert not any(h.measured for h in hypotheses(model, tuple(p.symbol for p in model.parameters)))

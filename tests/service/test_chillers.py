@@ -212,6 +212,10 @@ def test_a_fouled_condenser_is_one_alarm_rightly_named(fouled: Lab) -> None:
     cost = alarm.evidence["cost_per_day"]
     assert cost["lower"] < cost["value"] < cost["upper"]
     assert cost["currency"] == "EUR"
+    # The same form as every other equipment's.
+    assert set(cost) >= {"value", "lower", "upper", "currency", "kWh_per_day", "kind", "basis", "why"}
+    # Fouled by a quarter: as severe as any parameter that moved so far, give or take what it costs.
+    assert alarm.severity in ("medium", "high")
 
 
 def test_verdicts_of_a_chiller_are_written_like_any_other(fouled: Lab, tmp_path: Path) -> None:
