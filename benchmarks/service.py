@@ -20,7 +20,7 @@ import structlog
 from benchmarks.common import arguments, context, figure, report
 from benchmarks.drifting_room import Course
 from benchmarks.load import measure
-from benchmarks.plant_years import Case, live
+from benchmarks.plant_years import Case, gates_alone, live
 from fdd.service.pool import Failure, side_by_side
 from fdd.store.store import Store, StoreConfig, open_store
 
@@ -118,18 +118,23 @@ def load_figures(found: dict[str, Any]) -> dict[str, Any]:
 
 
 def plant_years(quick: bool) -> dict[str, list[dict[str, Any]]]:
-    """Seasons, growing faults and steps, each run with its own weather; rooms of a kind share an engine."""
+    """Seasons, growing faults and steps, each run with its own weather; rooms of a kind share an engine.
+
+    ``gates`` are steps inside the window that no alarm has reported.
+    """
     if quick:
         kinds = {
             "season": [Case(Course(70, season=0.03), 0)],
             "growth": [Case(Course(90, growth=0.10, onset=40), 100 + s) for s in range(2)],
             "step": [Case(Course(60, step=0.15, onset=40), 200)],
+            "gates": [Case(Course(56, step=0.15, onset=35), 300)],
         }
     else:
         kinds = {
             "season": [Case(Course(365, season=0.03), s) for s in range(8)],
             "growth": [Case(Course(240, growth=0.10, onset=70), 100 + s) for s in range(40)],
             "step": [Case(Course(120, step=0.15, onset=60), 200 + s) for s in range(40)],
+            "gates": [Case(Course(56, step=0.15, onset=35), 300 + s) for s in range(40)],
         }
     groups = [(kind, many[i : i + TOGETHER]) for kind, many in kinds.items() for i in range(0, len(many), TOGETHER)]
     found: dict[str, list[dict[str, Any]]] = {kind: [] for kind in kinds}
@@ -140,13 +145,18 @@ def plant_years(quick: bool) -> dict[str, list[dict[str, Any]]]:
             raise RuntimeError(f"{kind}, {cases}: {result.reason}")
         found[kind] += result
 
-    side_by_side(live, [cases for _, cases in groups], done)
+    side_by_side(_lived, groups, done)
     return found
 
 
+def _lived(group: tuple[str, list[Case]]) -> list[dict[str, Any]]:
+    kind, cases = group
+    return gates_alone(cases) if kind == "gates" else live(cases)
+
+
 def year_figures(found: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
-    season, growth, step = found["season"], found["growth"], found["step"]
-    years = sum(r["days"] for many in found.values() for r in many) / 365
+    season, growth, step, gates = (found[kind] for kind in ("season", "growth", "step", "gates"))
+    years = sum(r["days"] for many in (season, growth, step) for r in many) / 365
     false = sum(r["false_alarms"] for r in season) / (sum(r["days"] for r in season) / 365)
     followed = sum(r["accepted"] > 0 for r in season) / len(season)
     worst = max(abs(r["error"]) for r in season)
@@ -161,6 +171,8 @@ def year_figures(found: dict[str, list[dict[str, Any]]]) -> dict[str, Any]:
         alarmed = sum(r["alarmed"] for r in runs) / len(runs)
         figures[f"{name}_not_learned"] = figure(kept, "share", f">= {wanted:g}", kept >= wanted)
         figures[f"{name}_alarmed"] = figure(alarmed, "share", "1", alarmed == 1)
+    kept = sum(not r["learned"] for r in gates) / len(gates)
+    figures["step_without_alarm_refused"] = figure(kept, "share", "1", kept == 1)
     return figures
 
 
