@@ -6,6 +6,7 @@ Each line reads ``what to do: what it shows``; reports split it there.
 from __future__ import annotations
 
 from fdd.diagnosis.hypotheses import Hypothesis
+from fdd.diagnosis.readings import with_reading
 
 CHECKS: dict[str, tuple[str, ...]] = {
     "fouling": (
@@ -36,16 +37,19 @@ CHECKS: dict[str, tuple[str, ...]] = {
 }
 
 
+def checks_of(name: str, declared: tuple[str, ...]) -> tuple[str, ...]:
+    """Checks of a component's fault, each with the reading to expect; ``declared`` are its model's own."""
+    base = name.rpartition("-")[0] if name.startswith("open-window-") else name
+    return CHECKS.get(base) or tuple(with_reading(c) for c in declared)
+
+
 def advice(h: Hypothesis, size: float) -> tuple[str, ...]:
     """Checks for one cause; ``size`` is its estimated extent in the hypothesis' unit."""
-    base = h.name.rpartition("-")[0] if h.name.startswith("open-window-") else h.name
-    if h.kind == "component":
-        return CHECKS.get(base, h.checks)
     if h.unit == "frozen":
         return CHECKS["stuck"]
-    if h.where:
+    if h.where and h.kind != "component":
         return (_instrument(h, size),)
-    return h.checks or CHECKS.get(base, ())
+    return checks_of(h.name, h.checks)
 
 
 def _instrument(h: Hypothesis, size: float) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from fdd.diagnosis.advice import checks_of
 from fdd.diagnosis.departure import Departure
 from fdd.diagnosis.measured import measured_causes
 from fdd.models.declare import ComponentModel, Fault
@@ -126,7 +127,7 @@ def _judge(fault: Fault, signs: _Signs) -> JsonObject:
         "likelihood": odds,
         "for": agree,
         "against": against,
-        "checks": list(fault.checks),
+        "checks": list(checks_of(fault.name, fault.checks)),
     }
 
 

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from fdd.diagnosis.advice import advice, checks_of
+from fdd.diagnosis.hypotheses import hypotheses
 from fdd.diagnosis.ranking import diagnose, severity
 from fdd.models.heat_exchanger import heat_exchanger
+from fdd.models.registry import MODELS, get_model
 from fdd.records import Alarm, AlarmState, JsonObject
 
 
@@ -90,3 +93,15 @@ def test_severity_is_size_and_certainty(change: float, error: float, expected: s
 
 def test_severity_without_a_size_is_medium() -> None:
     assert severity([{"symbol": "T_out", "statistic": 20.0}]) == "medium"
+
+
+@pytest.mark.parametrize("name", sorted(MODELS))
+def test_every_check_of_every_model_says_what_reading_to_expect(name: str) -> None:
+    model = get_model(name, **({"rooms": ("a", "b")} if name == "building" else {}))
+    physical = tuple(p.symbol for p in model.parameters if p.kind == "physical")
+    for h in hypotheses(model, physical):
+        checks = advice(h, h.size)
+        assert checks, (name, h.name)
+        assert [c for c in checks if ": " not in c] == [], (name, h.name)
+    for fault in model.faults:
+        assert [c for c in checks_of(fault.name, fault.checks) if ": " not in c] == [], (name, fault.name)
