@@ -145,10 +145,10 @@ class Writer:
 
     def __init__(
         self, module: Module, name: str, prefix: str, *, external: bool, lanes: int = 1, masked: bool = False,
-        fma: bool = True,
+        fma: bool = True, widest: int = WIDTHS[0],
     ) -> None:  # fmt: skip
         self.module, self.node, self.prefix = module, module.functions[name], prefix
-        self.lanes, self.fma = lanes, fma
+        self.lanes, self.fma, self.widest = lanes, fma, widest
         self.mask, self.masks = ("%mask", 1) if masked else ("", 0)  # lanes that are on; how many conditions deep
         self.born: dict[str, int] = {}  # how many conditions deep a name was first set
         self.called: set[tuple[str, bool]] = set()
@@ -433,7 +433,7 @@ class Writer:
                 self.block(body)
                 self.chunk = None
             return
-        for width in WIDTHS:
+        for width in (w for w in WIDTHS if w <= self.widest):
             passes = (size - at) // width
             if passes > (1 if not simple else 8):
                 self._k_at_run_time(body, at, width, passes)
@@ -866,13 +866,21 @@ def _as_load(target: ast.expr) -> ast.expr:
     return ast.Name(target.id, ast.Load())
 
 
-def assemble(text: str, prefix: str, entries: Iterable[str], lanes: int = 1, fma: bool = True) -> str:
-    """LLVM's language for the entry functions of a text and what they call; names get the prefix."""
+def assemble(
+    text: str, prefix: str, entries: Iterable[str], *, lanes: int = 1, fma: bool = True, widest: int = WIDTHS[0]
+) -> str:
+    """LLVM's language for the entry functions of a text and what they call; names get the prefix.
+
+    ``lanes``: components that a float stands for; ``fma``: whether the processor fuses a product and a sum; ``widest``:
+    the longest vectors over k, which its registers should hold by the dozen.
+    """
     module = read(text)
     external, wanted = set(entries), [(name, False) for name in entries]
     parts = []
     for name, masked in wanted:  # grows while it is walked
-        writer = Writer(module, name, prefix, external=name in external, lanes=lanes, masked=masked, fma=fma)
+        writer = Writer(
+            module, name, prefix, external=name in external, lanes=lanes, masked=masked, fma=fma, widest=widest
+        )
         parts.append(writer.function())
         wanted += sorted(writer.called - set(wanted))
     body = "\n\n".join(parts)

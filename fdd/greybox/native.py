@@ -23,7 +23,7 @@ from fdd.greybox import lanes, machine
 from fdd.greybox.machine import Array
 
 LEVEL = 2
-FORMAT = 5  # raise when the same text is compiled to other code
+FORMAT = 6  # raise when the same text is compiled to other code
 _modules: dict[str, types.ModuleType] = {}
 _ITEMS = {"float": np.dtype(np.float64), "int": np.dtype(np.int64), "flag": np.dtype(np.bool_)}
 _SCALARS: dict[str, Any] = {"float": ctypes.c_double, "int": ctypes.c_int64, "none": None}
@@ -124,7 +124,8 @@ def compiled(text: str, prefix: str, entries: Sequence[str], wide: int = 1) -> b
     """Object file of the entry functions of a text."""
     machine_ = _target_machine()
     fma = lanes.fuses(llvm.get_host_cpu_features(), llvm.get_process_triple())
-    code = llvm.parse_assembly(machine.assemble(text, prefix, entries, wide, fma))
+    written = machine.assemble(text, prefix, entries, lanes=wide, fma=fma, widest=max(8, 2 * width()))
+    code = llvm.parse_assembly(written)
     code.triple = machine_.triple
     code.data_layout = str(machine_.target_data)
     code.verify()
