@@ -147,8 +147,10 @@ def test_a_job_killed_in_the_middle_leaves_the_baseline_and_the_next_one_succeed
         job = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         _until_it_has_workers(job)
         time.sleep(wait)
+        started = _descendants(job.pid)
         job.kill()
         job.wait()
+        _until_gone(started)
         assert repr(asdict(in_force(store, ["room"])["room"])) == repr(before)
         assert len(versions(store, "room")) == 1
     store.close()
@@ -165,6 +167,21 @@ def _until_it_has_workers(job: subprocess.Popen[bytes]) -> None:
         assert job.poll() is None, "the job ended before it had started a worker"
         time.sleep(0.02)
     pytest.fail("the job never started a worker")
+
+
+def _descendants(pid: int) -> list[int]:
+    own = [int(p) for p in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+    return [*own, *(d for p in own for d in _descendants(p))]
+
+
+def _until_gone(processes: list[int]) -> None:
+    """Nothing that a killed job had started stays behind."""
+    assert processes
+    for _ in range(600):
+        if not any(Path(f"/proc/{p}").exists() for p in processes):
+            return
+        time.sleep(0.05)
+    pytest.fail("the killed job's workers are still there")
 
 
 def _work(n: int) -> int:
