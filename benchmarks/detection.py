@@ -39,6 +39,9 @@ SIZES = (0.05, 0.1, 0.2, 0.3)
 RATE = 0.5
 """False alarms a year of each kind of chart on a component."""
 BLOCK = 72
+COURSE = 7 * FRAMES_A_DAY
+HEALTHY = "none"
+"""Name of the fault of a house that has none, with the same weather and noise: what the others differ from."""
 NAMED_AFTER = 2 * FRAMES_A_DAY
 SETS = ("fitted", "known")
 START = "2024-11-04T00:00:00"
@@ -66,7 +69,8 @@ class Watched:
     ``early``: kinds of charts that rang before the onset. ``streams`` has the delay of every chart. ``named`` is the
     parameter whose change alone explains most, two days after the first score chart rang. ``z`` (blocks, n_p) are the
     standardised block scores after the onset, ``information`` (blocks, n_p) their informations, ``innovation`` the
-    sums, squares and counts of standardised innovations after the onset, (3, n_y).
+    sums, squares and counts of standardised innovations after the onset, (3, n_y). ``course`` (frames, n_y) has these
+    innovations themselves for the first week after the onset.
     """
 
     fault: Fault
@@ -78,6 +82,7 @@ class Watched:
     z: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     information: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     innovation: FloatArray = field(default_factory=lambda: np.empty((3, 0)))
+    course: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
 
     def delay(self, kind: str) -> float:
         """Of the first chart of this kind (``score``, ``cusum``) [days]; inf: none by the last day, NaN: rang early."""
@@ -110,6 +115,7 @@ def plant_faults() -> list[tuple[Fault, ...]]:
         return [(Fault(component, kind, s, one(s)),) for s in sizes]
 
     return [
+        tuple(Fault(c, HEALTHY, 0.0, PlantFault("bias", "hx.T_hot_in", onset, 0.0)) for c in EQUIPMENT),
         *table("hx", "fouling", "hx", SIZES),
         *table("radiator-south", "air", "radiator-south", SIZES),
         *table("radiator-south", "sludge", "radiator-south", SIZES),
@@ -228,6 +234,7 @@ class _Record:
         self._sum, self._info, self._count = np.zeros((n, p)), np.zeros((n, p)), 0
         self._blocks: list[tuple[FloatArray, FloatArray]] = []
         self._innovation = np.zeros((3, n, len(group.model.outputs)))
+        self._course: list[FloatArray] = []
         self._naming: dict[int, list[tuple[int, int]]] = {}
         self._onset = round(ONSET * FRAMES_A_DAY)
 
@@ -239,6 +246,8 @@ class _Record:
         if frame < self._onset:
             return
         z = step.standardised
+        if len(self._course) < COURSE:
+            self._course.append(z.copy())
         seen = np.isfinite(z)
         self._innovation += np.stack([np.where(seen, z, 0.0), np.where(seen, z * z, 0.0), seen])
         self._sum += np.nan_to_num(step.score[:, self._physical])
@@ -280,3 +289,4 @@ class _Record:
         z = np.where(info > 0, s / np.sqrt(np.where(info > 0, info, 1.0)), np.nan)
         for i, run in enumerate(self._runs):
             run.z, run.information, run.innovation = z[:, i], info[:, i], self._innovation[:, i]
+            run.course = np.array([c[i] for c in self._course])

@@ -2,12 +2,13 @@
 
 Theory takes the shift that the filter's own information predicts for a parameter's change, block by block, and runs the
 designed CUSUM on independent normal values with that mean: nothing of the filter's innovations enters. For faults that
-are no change of one parameter the mean shift of the chart's values is measured, and the run length is the solver's.
+are no change of one parameter the shift is the difference of the innovations from those of the same house without the
+fault, under the same weather and noise, sample by sample; the CUSUM runs on independent normal values with that mean.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -15,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.detection import BLOCK, DAY, DAYS, ONSET, RATE, STEP, Watched
+from benchmarks.detection import BLOCK, COURSE, DAY, DAYS, HEALTHY, ONSET, RATE, STEP, Watched
 from fdd.greybox.likelihood import to_scale
 from fdd.plant.district import TRUTH, models
 from fdd.records import FloatArray
 from fdd.residual_monitors.budget import YEAR
-from fdd.residual_monitors.run_length import Rule, limit_for, run_length_quantile
+from fdd.residual_monitors.run_length import limit_for
 
 K = 0.5
 REPEATS = 400
@@ -28,7 +29,6 @@ SETTLED = 40
 """Blocks of a healthy chart before the fault, in theory."""
 SURE = 3.0
 """A change of fewer standard errors over the whole watch is one that no chart can see."""
-WITHIN = 1.5
 BLOCK_DAYS = BLOCK * STEP / DAY
 WATCHED = DAYS - ONSET
 
@@ -113,18 +113,20 @@ def _information(run: Watched) -> FloatArray:
 def theoretical(change: float, information: Sequence[FloatArray], charts: int) -> float:
     """Median delay of a parameter's CUSUM over blocks after a change [days]; inf beyond the watch."""
     h = float(limit_for("cusum", YEAR / STEP / RATE * charts / BLOCK, k=K))
-    rng = np.random.default_rng(17)
-    delays = []
-    for own in information:
-        shift = np.concatenate([np.zeros(SETTLED), change * np.sqrt(own)])
-        z = rng.standard_normal((len(shift), REPEATS)) + shift[:, None]
-        upper, lower, first = np.zeros(REPEATS), np.zeros(REPEATS), np.full(REPEATS, np.inf)
-        for b, values in enumerate(z):
-            upper, lower = np.maximum(0.0, upper + values - K), np.maximum(0.0, lower - values - K)
-            rang = np.isinf(first) & (np.maximum(upper, lower) > h)
-            first[rang] = b - SETTLED + 1
-        delays.append(first[first > 0])
+    delays = [_first_alarms(change * np.sqrt(own), h, SETTLED) for own in information]
     return _median(np.concatenate(delays) * BLOCK_DAYS)
+
+
+def _first_alarms(shift: FloatArray, h: float, settled: int) -> FloatArray:
+    """Updates after the onset to the alarm of a CUSUM on normal values with these means; those before it left out."""
+    rng = np.random.default_rng(17)
+    whole = np.concatenate([np.zeros(settled), shift])
+    upper, lower, first = np.zeros(REPEATS), np.zeros(REPEATS), np.full(REPEATS, np.inf)
+    for t, mean in enumerate(whole):
+        values = rng.standard_normal(REPEATS) + mean
+        upper, lower = np.maximum(0.0, upper + values - K), np.maximum(0.0, lower - values - K)
+        first[np.isinf(first) & (np.maximum(upper, lower) > h)] = t - settled + 1
+    return first[first > 0]
 
 
 def _found(delay: FloatArray) -> float:
@@ -140,7 +142,7 @@ def _median(delay: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class KindRow:
-    """A fault of the plant at one severity: the chart that found it first, its shift, and its delay against theory."""
+    """A fault of the plant at one severity: the innovation chart that rang first, its mean shift, delay and theory."""
 
     component: str
     kind: str
@@ -167,47 +169,33 @@ def kind_rows(runs: Sequence[Watched]) -> list[KindRow]:
         assert r.fault.plant is not None
         return r.fault.component, r.fault.name, r.fault.plant.target, r.fault.size
 
-    order = sorted((r for r in runs if r.fault.plant and r.baseline == "known"), key=key)
-    return [_kind_row(k, list(group)) for k, group in groupby(order, key)]
+    known = [r for r in runs if r.fault.plant and r.baseline == "known"]
+    healthy = {(r.fault.component, r.seed): r for r in known if r.fault.name == HEALTHY}
+    order = sorted((r for r in known if r.fault.name != HEALTHY), key=key)
+    return [_kind_row(k, list(group), healthy) for k, group in groupby(order, key)]
 
 
-def _kind_row(key: tuple[str, str, str, float], runs: list[Watched]) -> KindRow:
+def _kind_row(
+    key: tuple[str, str, str, float], runs: list[Watched], healthy: Mapping[tuple[str, int], Watched]
+) -> KindRow:
     delay = np.array([min(r.delay("score"), r.delay("cusum")) for r in runs])
-    first = [min(r.streams, key=lambda s: r.streams[s]) for r in runs if r.streams and not r.early]
-    chart = max(set(first), key=first.count) if first else ""
-    own = np.array([r.streams.get(chart, np.inf) * STEP / DAY for r in runs if not r.early])
-    shift = float(np.mean([_shift(r, chart) for r in runs])) if chart else float("nan")
-    return KindRow(
-        *key, len(runs), _found(delay), _median(delay), chart, shift, _median(own), _run_length(runs[0], chart, shift)
-    )
+    outputs = [q.symbol for q in models()[key[0]].outputs]
+    first = [min((f"{q}:cusum" for q in outputs), key=lambda s: r.streams.get(s, np.inf)) for r in runs]
+    chart = max(set(first), key=first.count)
+    at = outputs.index(chart.partition(":")[0])
+    # Within the first week, which is as far as the course of the shift is kept.
+    own = np.array([r.streams.get(chart, np.inf) for r in runs if not r.early])
+    own = np.where(own <= COURSE, own, np.inf) * STEP / DAY
+    courses = [r.course[:, at] - healthy[key[0], r.seed].course[:, at] for r in runs]
+    shift = float(np.nanmean(np.concatenate(courses)))
+    theory = shifted(courses, len(outputs))
+    return KindRow(*key, len(runs), _found(delay), _median(delay), chart, shift, _median(own), theory)
 
 
-def _shift(run: Watched, chart: str) -> float:
-    """Mean of a chart's values after the onset [standard deviations]."""
-    symbol, _, kind = chart.partition(":")
-    model = models()[run.fault.component]
-    if kind == "score":
-        at = [p.symbol for p in model.parameters if p.kind == "physical"].index(symbol)
-        return float(np.nanmean(run.z[:, at]))
-    at = [q.symbol for q in model.outputs].index(symbol)
-    return float(run.innovation[0, at] / max(run.innovation[2, at], 1.0))
-
-
-def _run_length(run: Watched, chart: str, shift: float) -> float:
-    """Median delay to a lasting shift, by the solver [days]."""
-    if not chart or not np.isfinite(shift):
-        return float("nan")
-    kind = chart.partition(":")[2]
-    charts, every = (run.z.shape[1], BLOCK) if kind == "score" else (run.innovation.shape[1], 1)
-    rule, h = Rule("cusum", k=K), float(limit_for("cusum", YEAR / STEP / RATE * charts / every, k=K))
-    days = run_length_quantile(rule, h, 0.5, abs(shift), "steady") * every * STEP / DAY
-    return days if days < WATCHED else float("inf")
-
-
-def agreement(ratios: Sequence[float], least: Sequence[float]) -> tuple[int, int]:
-    """How many ratios are within 1.5, a block's or sample's length granted to the shortest, and of how many."""
-    kept = [(r, t) for r, t in zip(ratios, least, strict=True) if np.isfinite(r)]
-    return sum(1 / WITHIN <= r <= WITHIN for r, _ in kept), len(kept)
+def shifted(courses: Sequence[FloatArray], charts: int) -> float:
+    """Median delay of an innovation CUSUM to shifts that take these courses [days]; inf beyond them."""
+    h = float(limit_for("cusum", YEAR / STEP / RATE * charts, k=K))
+    return _median(np.concatenate([_first_alarms(np.nan_to_num(c), h, SETTLED) for c in courses]) * STEP / DAY)
 
 
 def plot(table: Sequence[Row], path: Path) -> None:
