@@ -66,7 +66,7 @@ class Engine:
             f"{c.name}/{q.symbol}" for g in self._groups for c in g.components for q in g.model.outputs
         )
         self._time: int | None = None
-        # Frames in which charts could judge, each counted by their share.
+        # Frames in which charts could judge, each counted by their share; a score chart that learns may ring, too.
         self._judged = 0.0
 
     @property
@@ -183,7 +183,7 @@ class Engine:
             chart_step = self._charts.update(group_steps)
             # A site of chillers alone has no such charts, and is watched all the time.
             phase = chart_step.verdicts.phase
-            self._judged += float(np.mean(phase >= Phase.QUIET)) if phase.size else 1.0
+            self._judged += float(np.mean(phase > Phase.NO_DATA)) if phase.size else 1.0
             closed = self._chillers.step(time, row)
             alarms += self._alarm(time, chart_step, closed)
             days += [rows for day in closed for rows in day.rows]
