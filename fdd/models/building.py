@@ -20,7 +20,7 @@ from typing import Any, Literal
 
 from fdd.models.declare import ComponentModel, Fault, ModelError, Namespace, Parameter, Quantity, State
 from fdd.models.fluid import chosen
-from fdd.models.functions import gpow
+from fdd.models.functions import forward, gpow
 
 PAPER = "Andersen (2001), Paper F"
 HEATING = ("power", "water", "mean", "dynamic")
@@ -325,7 +325,7 @@ class _House:
         back = getattr(u, f"T_return_{r}")
         if self.heating == "mean":
             return getattr(p, f"c_{r}") * (0.5 * (u.T_supply + back) - air)
-        water = self.cp * getattr(u, f"m_flow_{r}") * (u.T_supply - back)
+        water = self.cp * forward(getattr(u, f"m_flow_{r}")) * (u.T_supply - back)
         if self.heating == "water":
             return water
         power = getattr(p, f"H_rad_{r}") * gpow(getattr(x, f"T_rad_{r}") - air, self.exponent)

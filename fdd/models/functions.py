@@ -11,7 +11,7 @@ import math
 from typing import Any
 
 __all__ = [
-    "absolute", "cos", "exp", "gpow", "log", "logistic", "maximum", "minimum",
+    "absolute", "cos", "exp", "forward", "gpow", "log", "logistic", "maximum", "minimum",
     "sin", "smooth_maximum", "smooth_sign", "softplus", "sqrt", "tanh", "where",
 ]  # fmt: skip
 
@@ -96,6 +96,15 @@ def maximum(a: Any, b: Any) -> Any:
 def where(condition: Any, a: Any, b: Any) -> Any:
     """``a`` where the condition holds, else ``b``; both are evaluated, only the chosen one counts."""
     return _call("where", condition, a, b)
+
+
+def forward(flow: Any) -> Any:
+    """A flow in the direction that a model is made for; below zero counts as none.
+
+    Meters of a machine at rest read a little below zero. The temperature of what really flows back is not among a
+    model's inputs, so that its heat is unknown; heat taken from water that does not come would be made of nothing.
+    """
+    return maximum(flow, 0.0)
 
 
 def gpow(d: Any, n: Any) -> Any:

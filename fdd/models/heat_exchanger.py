@@ -22,7 +22,7 @@ from typing import Any, Literal
 
 from fdd.models.declare import ComponentModel, Fault, ModelError, Namespace, Parameter, Quantity, State
 from fdd.models.fluid import chosen
-from fdd.models.functions import exp, log
+from fdd.models.functions import exp, forward, log
 
 PAPER = "Andersen (2001), Paper B"
 TRANSFERS = ("constant", "flow", "flow-symmetric", "flow-temperature")
@@ -132,6 +132,7 @@ class _Equations:
         from_hot, to_cold = [0.0] * n, [0.0] * n  # heat flows of the compartments, each side along its own flow [W]
         rates: dict[str, Any] = {}
         h_hot, h_cold = self._films(hot, cold, u, p)
+        m_hot, m_cold = forward(u.m_flow_hot), forward(u.m_flow_cold)
         for i, j in enumerate(facing):
             if self.metal:
                 wall = getattr(x, f"T_wall_{i + 1}")
@@ -141,10 +142,10 @@ class _Equations:
             else:
                 from_hot[i] = to_cold[j] = self._overall(h_hot, h_cold, p) / n * (mean_hot[i] - mean_cold[j])
         for i in range(n):
-            rates[f"T_hot_{i + 1}"] = n * u.m_flow_hot / p.M_hot * (hot[i] - hot[i + 1]) - n * from_hot[i] / (
+            rates[f"T_hot_{i + 1}"] = n * m_hot / p.M_hot * (hot[i] - hot[i + 1]) - n * from_hot[i] / (
                 p.M_hot * self.cp_hot
             )
-            rates[f"T_cold_{i + 1}"] = n * u.m_flow_cold / p.M_cold * (cold[i] - cold[i + 1]) + n * to_cold[i] / (
+            rates[f"T_cold_{i + 1}"] = n * m_cold / p.M_cold * (cold[i] - cold[i + 1]) + n * to_cold[i] / (
                 p.M_cold * self.cp_cold
             )
         return rates
@@ -153,7 +154,7 @@ class _Equations:
         """Film coefficients of the two sides [W/K] (Eq. 9 and 10)."""
         if self.transfer == "constant":
             return 2.0 * p.U, 2.0 * p.U
-        m_hot, m_cold = _power(u.m_flow_hot, p.y), _power(u.m_flow_cold, p.y)
+        m_hot, m_cold = _power(forward(u.m_flow_hot), p.y), _power(forward(u.m_flow_cold), p.y)
         if self.transfer == "flow-symmetric":
             return p.C * m_hot, p.C * m_cold
         if self.transfer == "flow":

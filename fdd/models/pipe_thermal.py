@@ -8,7 +8,8 @@ With ``wall=True`` it follows its water and gives off the heat, which rounds the
     C/n dT_i/dt          = cp m (T_i-1 - T_i) - B/n (T_i - T_wall_i)
     C_wall/n dT_wall_i/dt = B/n (T_i - T_wall_i) - UA/n (T_wall_i - T_around)
 
-At m = 0 the pipe cools where it stands. The model holds for m >= 0: where the flow turns, the other end is the inlet.
+At m = 0 the pipe cools where it stands. The model holds for m >= 0: where the flow turns, the other end is the inlet,
+and a flow below zero counts as none.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from typing import Any
 
 from fdd.models.declare import ComponentModel, Fault, ModelError, Namespace, Parameter, Quantity, State
 from fdd.models.fluid import chosen
+from fdd.models.functions import forward
 
 BALANCE = "heat balance of a section, van der Heijde et al. (2017), Eq. 1"
 
@@ -48,10 +50,10 @@ def pipe_thermal(
     sections = range(1, n + 1)
 
     def drift(x: Namespace, u: Namespace, p: Namespace) -> dict[str, Any]:
-        before, rates = u.T_in, {}
+        before, flow, rates = u.T_in, forward(u.m_flow), {}
         for i in sections:
             here = getattr(x, f"T_{i}")
-            carried = n * cp * u.m_flow / p.C * (before - here)
+            carried = n * cp * flow / p.C * (before - here)
             if wall:
                 skin = getattr(x, f"T_wall_{i}")
                 rates[f"T_{i}"] = carried - p.B / p.C * (here - skin)

@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 from fdd.models.declare import ComponentModel, Fault, ModelError, Namespace, Parameter, Quantity, State
 from fdd.models.fluid import chosen
-from fdd.models.functions import exp, gpow, log, sqrt
+from fdd.models.functions import exp, forward, gpow, log, sqrt
 
 SMALLEST_SECTION = 0.02  # no compartment is thinner than this share of the radiator: its water is always moving
 SEEPAGE = 1e-5  # kg/s added to the flow in the boundary's balance, so that a closed valve has a logarithm
@@ -99,6 +99,7 @@ class _Equations:
     def drift(self, x: Namespace, u: Namespace, p: Namespace) -> Mapping[str, Any]:
         """Energy balances of the compartments and of the air around, and the boundary's balance."""
         temperatures = [getattr(x, f"T_{i + 1}") for i in range(self.count)]
+        flow = forward(u.m_flow)
         around = x.T_air if self.surroundings else u.T_room
         emitted = [gpow(t - around, self.exponent) for t in temperatures]
         if self.moving:
@@ -111,11 +112,9 @@ class _Equations:
             rates["A"] = p.a * u.m_flow - p.b * x.A
             gains = self._printed_gains(x, u)
         else:
-            gains = [
-                self.cp * u.m_flow * (a - b) for a, b in zip([u.T_supply, *temperatures], temperatures, strict=False)
-            ]
+            gains = [self.cp * flow * (a - b) for a, b in zip([u.T_supply, *temperatures], temperatures, strict=False)]
             if self.moving:
-                rates["L"] = p.b * (log(p.a * (u.m_flow + SEEPAGE) / p.b) - x.L)
+                rates["L"] = p.b * (log(p.a * (flow + SEEPAGE) / p.b) - x.L)
                 gains = self._moved(gains, rates["L"], x, p)
         for i, (gain, section, heat) in enumerate(zip(gains, shares, emitted, strict=True)):
             rates[f"T_{i + 1}"] = gain / (p.C * section) - p.H / p.C * heat
@@ -159,7 +158,7 @@ class _Equations:
             if self.printed:
                 state["A"] = 0.5
             else:
-                state["L"] = log(p.a * (u.m_flow + SEEPAGE) / p.b)
+                state["L"] = log(p.a * (forward(u.m_flow) + SEEPAGE) / p.b)
         return state
 
 

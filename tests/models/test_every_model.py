@@ -125,6 +125,27 @@ def test_heat_flows_the_other_way_when_all_differences_are_reversed(name, option
         assert back[warm] == pytest.approx(-rates[warm], rel=1e-9, abs=1e-12), u
 
 
+FLOWING = [
+    (n, o) for n, o in THERMAL if any(q.unit == "kg/s" for q in get_model(n, **o).inputs) and o.get("form") != "printed"
+]
+
+
+@pytest.mark.parametrize(("name", "options"), FLOWING, ids=[f"{n} {o}" if o else n for n, o in FLOWING])
+def test_a_reversed_flow_carries_no_heat(name, options):
+    """What flows back has a temperature that nobody measures, and meters at rest read a little below zero."""
+    model = get_model(name, **options)
+    p, rng = typical(model), np.random.default_rng(4)
+    flows, carried = [q.symbol for q in model.inputs if q.unit == "kg/s"], []
+    for _ in range(10):
+        x = np.where([s.unit == "degC" for s in model.states], states(model, rng), 0.1)
+        u = levels(model, rng)
+        still = drift(model, x, u | dict.fromkeys(flows, 0.0), p)
+        for back in (-1e-9, -0.05, -1.0):
+            np.testing.assert_array_equal(drift(model, x, u | dict.fromkeys(flows, back), p), still)
+        carried.append(np.abs(drift(model, x, u | dict.fromkeys(flows, 0.05), p) - still).max())
+    assert max(carried) > 0
+
+
 ODD = ["pipe_hydraulic", "control_valve"]
 
 

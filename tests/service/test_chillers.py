@@ -18,7 +18,7 @@ from fdd.chiller_eiv.gate import GateLimits
 from fdd.chiller_eiv.simulate import LAB_CHILLER, operate, raw_week
 from fdd.records import Alarm, AlarmState, Baseline, Batch
 from fdd.report.render import write_report
-from fdd.service.alarms import Command, alarm_to_document
+from fdd.service.alarms import Command, Ring, alarm_to_document
 from fdd.service.baselines import accept, in_force
 from fdd.service.check import check_all
 from fdd.service.checkpoint import Checkpoint, decode, encode
@@ -437,6 +437,35 @@ def test_filters_do_not_notice_a_chiller_beside_them(fouled: Lab, healthy: Truth
     own = [c for c in cells([got])[0] if not str(c[2]).startswith("lab/")]
     assert own == cells([expected])[0]
     assert {c[2] for c in cells([got])[0] if str(c[2]).startswith("lab/")} >= {"lab/steady"}
+
+
+def test_a_chiller_has_its_place_in_the_plant(fouled: Lab, tmp_path: Path) -> None:
+    """What it cools names it as upstream: its alarm explains theirs, and a tower's before it explains its own."""
+    cooled = """
+  hall:
+    model: zone
+    inputs: {T_out: T_cdi, I_solar: enabled, P_heat: power}
+    outputs: {T_in: T_chi}
+    upstream: [lab]
+"""
+    path = tmp_path / "site.yaml"
+    path.write_text(SITE.replace("  enabled: {unit: on/off}", "  enabled: {unit: W/m2}").replace(
+        "    when: enabled > 0.5\n", "    upstream: [tower]\n"
+    ) + cooled + cooled.replace("hall", "tower").replace("[lab]", "[]"))  # fmt: skip
+    opened = open_site(path)
+    place = {c.name: c.upstream for c in opened.plan.watched}
+    assert place == {"hall": {"lab"}, "tower": set(), "lab": {"tower"}}
+    book = Engine(opened.plan, {}).alarms
+    (rung,) = [a for a in replayed(fouled).alarms.values() if a.component == "lab"]
+    ring = Ring("hall", "hall/T_in:cusum", None, rung.raised, {"statistic": 9.0, "points": []})
+    chiller = Ring("lab", rung.charts[0], None, rung.raised, {**rung.evidence, "points": []})
+    states = {a.component: a.state for a in [*book.ring(rung.raised, [ring]), *book.ring(rung.raised + DAY, [chiller])]}
+    assert states == {"hall": AlarmState.SUPPRESSED, "lab": AlarmState.RAISED}
+    tower = Ring("tower", "tower/T_in:cusum", None, rung.raised, {"statistic": 9.0, "points": []})
+    book.ring(rung.raised + 2 * DAY, [tower])
+    assert {a.component: a.state for a in book.open} == {
+        "tower": AlarmState.RAISED, "lab": AlarmState.SUPPRESSED, "hall": AlarmState.SUPPRESSED
+    }  # fmt: skip
 
 
 def test_the_real_chiller_is_not_identifiable(shared_data: Path) -> None:
