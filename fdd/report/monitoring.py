@@ -84,8 +84,11 @@ def watch(name: str, info: ComponentInfo, evidence: Evidence, start: int, end: i
             continue
         frames = max(1.0, (end - start) / interval)
         part = chart.between(start, end)
-        judged.append(np.count_nonzero((part.phase == QUIET) | (part.phase == ALARM)) / frames)
-        learning.append(np.count_nonzero(part.phase == LEARNING) / frames)
+        learns = part.phase == LEARNING
+        # A score chart that learns what its baseline is off by may ring meanwhile.
+        waits = learns & (kinds[name_] != "score")
+        judged.append(np.count_nonzero(((part.phase == QUIET) | (part.phase == ALARM) | learns) & ~waits) / frames)
+        learning.append(np.count_nonzero(waits) / frames)
     times = [int(t.time[-1]) for t in evidence.outputs.values() if len(t.time)]
     fit = []
     for symbol, output in info.outputs.items():

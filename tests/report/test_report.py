@@ -209,6 +209,21 @@ def test_silence_missing_data_learning_and_missing_sensor_are_told_apart(store: 
     assert why["radiator-4"] == ("room temperature", "no sensor is mapped to it")
 
 
+def test_a_score_chart_that_learns_has_judged(store: SqliteStore) -> None:
+    """It may ring while it learns what the baseline is off by; the engine counts that time, too."""
+    info, rng = plant.site(1), np.random.default_rng(2)
+    info = plant.site(1, components={"radiator-0": info.components["radiator-0"]})
+    time_ = plant.END - 7 * plant.DAY + plant.STEP * np.arange(1, 2017)
+    with store.transaction():
+        plant.keep_baseline(store, plant.baseline("radiator-0", 1, {"H": 10.0}))
+        plant.write_output(store, "radiator-0", "T_return", time_, rng, 0.0)
+        store.write(plant.rows("charts", "radiator-0/H:score", time_, {"phase": np.full(2016, 1.0)}))
+    report = gather(store, info)
+    assert report.unmonitored == ()
+    assert report.budget is not None
+    assert report.budget.years == pytest.approx(7 / 365.25, rel=1e-3)
+
+
 def test_budget_counts_own_alarms_and_those_judged_false(report: Report) -> None:
     kept = report.budget
     assert kept is not None
