@@ -29,6 +29,7 @@ from fdd.plant.air_plant import AIR_POINTS, AIR_STEP, AIR_TRUTH, air_handler_mod
 from fdd.plant.faults import DAY, PlantFault
 from fdd.plant.scenario import Plant, Scenario, points, simulate
 from fdd.records import NANOSECONDS, Alarm, Baseline
+from fdd.service.alarms import PLANT, kind_of
 from fdd.service.engine import Engine
 from fdd.service.history import History
 from fdd.service.identify import identify
@@ -152,7 +153,7 @@ def watch(case: Case, seed: int, baseline: Baseline, days: float = DAYS) -> Foun
             alarms[alarm.key] = alarm
     onset = scenario.first + round((case.fault.onset if case.fault else ONSET * DAY) * NANOSECONDS)
     seen = engine.departure("ahu", onset, int(scenario.times()[-1]))
-    own = sorted((a for a in alarms.values() if a.evidence.get("kind", "plant") == "plant"), key=lambda a: a.raised)
+    own = sorted((a for a in alarms.values() if kind_of(a) == PLANT), key=lambda a: a.raised)
     after = [a for a in own if a.raised >= onset]
     delay = (after[0].raised - onset) / NANOSECONDS / DAY if after else np.inf
     return Found(seen, after[0] if after else None, delay, len(own) - len(after))

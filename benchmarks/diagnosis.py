@@ -26,6 +26,7 @@ from fdd.diagnosis.departure import Departure
 from fdd.diagnosis.ranking import diagnose
 from fdd.plant.district import EQUIPMENT, models
 from fdd.records import FloatArray
+from fdd.service.alarms import PLANT, kind_of
 
 FILE = Path(fdd.diagnosis.__file__).with_name("signatures.yaml")
 TRAINING, FITTED = (1, 2), 900
@@ -122,7 +123,7 @@ def named(runs: Sequence[tuple[Case, Seen]]) -> dict[str, tuple[int, int, int, i
         component = case.component if case.component in EQUIPMENT else "building"
         found = role(case, component)
         mine = [a for a in seen.alarms.values() if a.component == component and a.raised >= seen.onset]
-        mine = [a for a in mine if a.evidence.get("kind", "plant") == "plant"]
+        mine = [a for a in mine if kind_of(a) == PLANT]
         if found is None or not mine:
             continue
         kind, name, symbol = found

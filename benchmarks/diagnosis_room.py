@@ -30,6 +30,7 @@ from benchmarks.diagnosis_runs import batches
 from fdd.diagnosis.departure import Departure
 from fdd.models.zone import zone
 from fdd.records import NANOSECONDS, Alarm, Baseline, FloatArray
+from fdd.service.alarms import PLANT, kind_of
 from fdd.service.engine import Engine
 from fdd.service.history import History
 from fdd.service.identify import identify
@@ -190,7 +191,7 @@ def watch(house: House, nodes: str, seed: int, case: Case) -> tuple[Departure, A
     onset = int(history.time[0]) + round(ONSET * DAY) * NANOSECONDS
     raised: dict[str, Alarm] = {}
     for batch in batches(history.time, history.values, POINTS):
-        raised |= {a.key: a for a in engine.step(batch).alarms if a.evidence.get("kind", "plant") == "plant"}
+        raised |= {a.key: a for a in engine.step(batch).alarms if kind_of(a) == PLANT}
     alarm = next((a for a in raised.values() if a.raised >= onset), None)
     return engine.departure("zone", onset, int(history.time[-1])), alarm
 

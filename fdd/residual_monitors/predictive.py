@@ -6,12 +6,15 @@ much is added to the reference value that the false-alarm rate averaged over the
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fdd.records import FloatArray
 
 STEP, LAST = 0.02, 3.0  # grid of the shift's standard deviation; beyond the last the result grows in proportion
+_SD = np.arange(0.0, LAST + STEP / 2, STEP)
 _X = np.linspace(-6.0, 6.0, 121)
 _WEIGHTS = np.exp(-0.5 * _X * _X) / np.exp(-0.5 * _X * _X).sum()
 
@@ -42,9 +45,8 @@ class Uncertainty:
         h = np.array(limit, dtype=np.float64, ndmin=1)
         pairs = np.stack([h, np.broadcast_to(np.asarray(k, dtype=np.float64), h.shape)], axis=1)
         unique, back = np.unique(pairs, axis=0, return_inverse=True)
-        sd = np.arange(0.0, LAST + STEP / 2, STEP)
-        rows = [_extra(sd, float(a), float(b)) for a, b in unique]
-        self._table = np.round(np.reshape(rows, (len(unique), sd.size)), 6)
+        rows = [_extra(float(a), float(b)) for a, b in unique]
+        self._table = np.round(np.reshape(rows, (len(unique), _SD.size)), 6)
         self._row = back.reshape(-1)
 
     def extra(self, variance: FloatArray, which: ArrayLike | None = None) -> FloatArray:
@@ -60,12 +62,13 @@ class Uncertainty:
         return np.asarray((left + (right - left) * (at - low)) * np.maximum(1.0, sd / LAST))
 
 
-def _extra(sd: FloatArray, limit: float, k: float) -> FloatArray:
+@lru_cache(maxsize=1024)
+def _extra(limit: float, k: float) -> FloatArray:
     """By bisection: the mean over the shift of the two sides' rates equals the rate without a shift."""
     wanted = float(siegmund_rate(np.array(k), limit))
-    low, high = np.zeros_like(sd), 7.0 * sd
+    low, high = np.zeros_like(_SD), 7.0 * _SD
     for _ in range(50):
         middle = 0.5 * (low + high)
-        rate = siegmund_rate(k + middle[:, None] - sd[:, None] * _X, limit) @ _WEIGHTS
+        rate = siegmund_rate(k + middle[:, None] - _SD[:, None] * _X, limit) @ _WEIGHTS
         low, high = np.where(rate > wanted, middle, low), np.where(rate > wanted, high, middle)
     return np.asarray(high)

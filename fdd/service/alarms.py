@@ -78,7 +78,12 @@ class Ring:
 
 def kind_of(alarm: Alarm) -> str:
     """What an alarm speaks of: ``plant`` or ``model``."""
-    return str(alarm.evidence.get("kind", PLANT))
+    return kind_in(alarm.evidence)
+
+
+def kind_in(evidence: JsonObject) -> str:
+    """The kind of an alarm with this evidence."""
+    return str(evidence.get("kind", PLANT))
 
 
 def subject(component: str, kind: str = PLANT) -> str:
@@ -214,7 +219,7 @@ class AlarmBook:
 
     def _released(self, victim: Alarm, time: int) -> str:
         """Why a consequence is one no longer; empty while it is."""
-        source = next((a for a in self._open.values() if a.key == victim.evidence.get("caused_by")), None)
+        source = self._cause(victim)
         if source is None:
             return "what explained it is gone"
         return "" if self._explaining(source, time) else f"{source.key} has been back to normal for a day"
@@ -278,9 +283,11 @@ class AlarmBook:
 
     def _root(self, source: Alarm) -> Alarm | None:
         """What a consequence is a consequence of; an alarm that is none is its own."""
-        if source.state is not AlarmState.SUPPRESSED:
-            return source
-        return next((a for a in self._open.values() if a.key == source.evidence.get("caused_by")), None)
+        return source if source.state is not AlarmState.SUPPRESSED else self._cause(source)
+
+    def _cause(self, victim: Alarm) -> Alarm | None:
+        """The open alarm that explains a consequence."""
+        return next((a for a in self._open.values() if a.key == victim.evidence.get("caused_by")), None)
 
     def _explains(self, source: Alarm, victim: Alarm) -> str:
         """Why one alarm may be the consequence of another; empty where it is not."""

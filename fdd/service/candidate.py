@@ -13,6 +13,7 @@ from fdd.greybox.fit import fit
 from fdd.greybox.likelihood import Data, Likelihood, to_scale
 from fdd.models.declare import Parameter
 from fdd.records import Baseline, FloatArray, JsonObject
+from fdd.service.granted import spread_of
 from fdd.service.history import History, runs
 from fdd.service.identify import IdentifyError, identify
 from fdd.service.plan import Component, Plan
@@ -190,8 +191,7 @@ def _told(component: Component, new: Baseline, old: Baseline) -> FloatArray:
 
 
 def _spread(component: Component, b: Baseline) -> FloatArray:
-    spread = b.diagnostics.get("score_spread", {})
-    return np.array([max(1.0, spread.get(p.symbol, 1.0)) for p in component.model.parameters])[_physical(component)]
+    return spread_of(b, [component.model.parameters[i].symbol for i in _physical(component)])
 
 
 def _physical(component: Component) -> list[int]:

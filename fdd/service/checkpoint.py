@@ -104,6 +104,7 @@ class Checkpoint:
         )
         row = self._db.execute("select seq from sqlite_sequence where name = 'journal'").fetchone()
         self._last: int = row[0] if row else 0
+        self._covered: int | None = None  # the number of the last entry in the saved state, once that was read
         self._writer = ThreadPoolExecutor(1, "checkpoint")
         self._writing: Future[None] | None = None
 
@@ -125,13 +126,14 @@ class Checkpoint:
         for schema in (version, SCHEMA if found is None else found["schema"]):
             if schema != SCHEMA:
                 raise _of_another_version(self._file, schema)
+        self._covered = 0 if found is None else found["journaled"]
         return found
 
     def entries(self) -> Iterator[Batch | Command | Rebase]:
         """What was journaled since the last state was saved, in order."""
-        found = self._saved()
-        after = 0 if found is None else found["journaled"]
-        rows = self._db.execute("select kind, entry from journal where n > ? order by n", (after,)).fetchall()
+        if self._covered is None:
+            self._saved()
+        rows = self._db.execute("select kind, entry from journal where n > ? order by n", (self._covered,)).fetchall()
         for kind, entry in rows:
             match kind:
                 case "batch":
@@ -157,6 +159,7 @@ class Checkpoint:
         Returns before it is on disk; what went wrong there is raised by the next call.
         """
         self._settle()
+        self._covered = None
         data = encode({"schema": SCHEMA, "journaled": self._last, "state": state})
         self._writing = self._writer.submit(self._write, data, self._last)
 

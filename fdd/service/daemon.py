@@ -318,7 +318,8 @@ class Daemon:
 
     def _poll_commands(self) -> None:
         for command in self._commands.new(self._store):
-            self._carry_out(command)
+            self._checkpoint.journal(command)
+            self._obey(command)
         if self._desk:
             self._desk.serve(round(self._now() * NANOSECONDS), self._alarm_documents, self._carry_out)
 

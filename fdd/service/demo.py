@@ -27,7 +27,7 @@ from fdd.records import NANOSECONDS, AlarmState, Batch, JsonObject, Quality
 from fdd.report.content import Report, gather
 from fdd.report.plots import plots
 from fdd.report.render import write_gathered
-from fdd.service.alarms import PLANT, iso
+from fdd.service.alarms import PLANT, iso, kind_in
 from fdd.service.baselines import accept
 from fdd.service.errors import UsageError
 from fdd.service.history import read_history
@@ -68,9 +68,7 @@ class DemoResult:
     @property
     def _raised(self) -> list[JsonObject]:
         """What accuses the plant: a model that no longer holds does not."""
-        return [
-            a for a in self.alarms if a["state"] != AlarmState.SUPPRESSED and a["evidence"].get("kind", PLANT) == PLANT
-        ]
+        return [a for a in self.alarms if a["state"] != AlarmState.SUPPRESSED and kind_in(a["evidence"]) == PLANT]
 
     @property
     def hits(self) -> list[JsonObject]:

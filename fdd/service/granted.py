@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from fdd.models.declare import Parameter
@@ -29,16 +31,25 @@ def granted(group: FilterGroup, baseline: Baseline) -> FloatArray:
     if baseline.covariance:
         order = [list(baseline.parameters).index(p.symbol) for p in parameters]
         own = np.nan_to_num(np.array(baseline.covariance))[np.ix_(order, order)]
-        table = baseline.diagnostics.get("score_spread", {})
-        spread = np.array([max(1.0, table.get(p.symbol, 1.0)) for p in parameters])
+        spread = spread_of(baseline, [p.symbol for p in parameters])
         own = own * spread[:, None] * spread
-    slopes = relative_slopes(group, baseline)
+    slopes = _relative_slopes(group, baseline)
     given = np.diagonal(own) <= 0
     return np.asarray(own + np.diag(np.where(given, np.square(MODEL_ERROR * slopes), 0.0)))
 
 
-def relative_slopes(group: FilterGroup, baseline: Baseline) -> FloatArray:
-    """What small relative changes of the physical parameters are on the estimation scale."""
+def spread_of(baseline: Baseline, symbols: Sequence[str]) -> FloatArray:
+    """Standard deviations of parameters' scores on the baseline's own data: at least 1, and 1 where none is kept."""
+    table = baseline.diagnostics.get("score_spread", {})
+    return np.array([max(1.0, float(table.get(s, 1.0))) for s in symbols])
+
+
+def relative_slopes(group: FilterGroup) -> FloatArray:
+    """What small relative changes of the physical parameters are on the estimation scale, a row a component."""
+    return np.stack([_relative_slopes(group, b) for b in group.baselines])
+
+
+def _relative_slopes(group: FilterGroup, baseline: Baseline) -> FloatArray:
     parameters = [group.model.parameters[i] for i in physical(group)]
     return np.array([_relative_slope(p, baseline.parameters[p.symbol]) for p in parameters])
 

@@ -25,6 +25,7 @@ from fdd.residual_monitors.chart import Verdicts
 from fdd.residual_monitors.dispersion import Dispersion
 from fdd.residual_monitors.periodogram import Periodogram
 from fdd.residual_monitors.window import FILLING, blocks
+from fdd.service.alarms import MODEL
 from fdd.service.chart_family import BoolArray, FamilyKind, Stream
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.plan import Component, Plan
@@ -82,11 +83,11 @@ class HealthCharts:
         self._carried = np.array([c.carries("health", symbol) for _, _, c, symbol in outputs], dtype=np.bool_)
         self._outputs = [o for o, carried in zip(outputs, self._carried, strict=True) if carried]
         self.streams = tuple(
-            Stream(f"{c.name}/{symbol}:{kind}", c.name, symbol, None, alarm="model")
+            Stream(f"{c.name}/{symbol}:{kind}", c.name, symbol, None, alarm=MODEL)
             for kind in KINDS
             for _, _, c, symbol in self._outputs
         )
-        self._chance = self._chances(arl)
+        self._bound(arl)
         ones = np.ones(len(self._outputs))
         self._memory = Autocorrelation(ones, window=self._window, lags=LAGS, block=self._block)
         self._colour = Periodogram(ones, window=self._window, block=self._block)
@@ -94,13 +95,16 @@ class HealthCharts:
         self._charts = (self._memory, self._colour, self._spread)
         self._inform()
 
-    def _chances(self, arl: Mapping[str, float]) -> FloatArray:
-        """Chance of a false alarm that a window of each output may have."""
-        return np.array([min(0.5, self._window * self._block / arl[c.name]) for _, _, c, _ in self._outputs])
+    def _bound(self, arl: Mapping[str, float]) -> None:
+        """The chance of a false alarm that a window of each output may have, and the limits of white noise at it."""
+        self._chance = np.array([min(0.5, self._window * self._block / arl[c.name]) for _, _, c, _ in self._outputs])
+        p, back = np.unique(self._chance, return_inverse=True)
+        bins = (self._window - 1) // 2 - 1
+        self._white = np.cbrt(chi2.isf(p, LAGS))[back], np.log(kstwo.isf(p, bins))[back]
 
     def allot(self, arl: Mapping[str, float]) -> None:
         """New limits."""
-        self._chance = self._chances(arl)
+        self._bound(arl)
         self._inform()
 
     def _inform(self) -> None:
@@ -112,8 +116,8 @@ class HealthCharts:
         memory, colour, spread = (
             _Reach.of([s[kind] if known else None for s, known in zip(stored, self._known, strict=True)], *chance)
             for kind, *chance in (
-                ("autocorrelation", p, np.cbrt(chi2.isf(p, LAGS))),
-                ("periodogram", p, np.log(kstwo.isf(p, (self._window - 1) // 2 - 1))),
+                ("autocorrelation", p, self._white[0]),
+                ("periodogram", p, self._white[1]),
                 ("dispersion", p / 2, None),
             )
         )

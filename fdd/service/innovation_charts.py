@@ -32,6 +32,7 @@ class InnovationCharts:
         self._chart = Cusum.design([arl[s.component] for s in self.streams])
         self._groups, self._physical = tuple(groups), [physical(g) for g in groups]
         self._slack = slack
+        self._apart = self._slackened()
         self._uncertainty = Uncertainty(self._chart.limit, self._chart.k)
 
     def update(self, steps: Sequence[GroupStep]) -> Verdicts:
@@ -39,7 +40,7 @@ class InnovationCharts:
         errors = [self._moved(i, step, self._groups[i].error) for i, step in enumerate(steps)]
         forgiven = self._uncertainty.extra(np.concatenate([np.empty(0), *errors])[self._carried])
         if self._slack:
-            apart = [self._moved(i, step, self._slackened(i)) for i, step in enumerate(steps)]
+            apart = [self._moved(i, step, self._apart[i]) for i, step in enumerate(steps)]
             forgiven = forgiven + np.sqrt(np.concatenate([np.empty(0), *apart])[self._carried])
         self._chart.forgive(forgiven)
         return self._chart.update(
@@ -51,17 +52,17 @@ class InnovationCharts:
         self._chart.set_limit(Cusum.design([arl[s.component] for s in self.streams]).limit)
         self._uncertainty = Uncertainty(self._chart.limit, self._chart.k)
 
-    def _slackened(self, index: int) -> FloatArray:
-        """The squares of the changes for which no chart rings, as diagonal matrices (n, p, p)."""
-        group = self._groups[index]
-        slack = self._slack * np.stack([relative_slopes(group, b) for b in group.baselines])
-        return np.asarray(np.square(slack)[:, :, None] * np.eye(slack.shape[1]))
+    def _slackened(self) -> list[FloatArray]:
+        """The squares of the changes for which no chart rings, as diagonal matrices (n, p, p) for each group."""
+        slacks = [self._slack * relative_slopes(g) for g in self._groups]
+        return [np.asarray(np.square(slack)[:, :, None] * np.eye(slack.shape[1])) for slack in slacks]
 
     def rebase(self, components: set[str]) -> BoolArray:
         """Go on: a misprediction is one under any baseline, and where the new one predicts better sums fall again.
 
         So an alarm that an innovation chart holds stands until it is cleared.
         """
+        self._apart = self._slackened()
         return np.zeros(len(self.streams), dtype=np.bool_)
 
     def _moved(self, index: int, step: GroupStep, covariance: FloatArray) -> FloatArray:

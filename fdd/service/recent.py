@@ -14,7 +14,7 @@ import numpy as np
 from fdd.diagnosis.departure import Departure, Operation
 from fdd.records import NANOSECONDS, FloatArray, IntArray, JsonObject
 from fdd.service.filters import FilterGroup, GroupStep
-from fdd.service.granted import granted, physical
+from fdd.service.granted import granted, physical, spread_of
 
 BLOCK = 6 * 3600 * NANOSECONDS
 BLOCKS = 40
@@ -25,6 +25,7 @@ JUMP = 8.0
 # What is further off than this is a broken signal.
 LARGEST = 100.0
 NEVER = -1
+SUMS = ("score", "information", "sum", "count", "peak")
 
 
 class RecentGroup:
@@ -70,7 +71,7 @@ class RecentGroup:
         return slot
 
     def _sums(self) -> Sequence[FloatArray]:
-        return self._score, self._information, self._sum, self._count, self._peak
+        return [getattr(self, f"_{name}") for name in SUMS]
 
     def forget(self, rows: Sequence[int]) -> None:
         """What these components did so far is not their present."""
@@ -86,7 +87,6 @@ class RecentGroup:
         near = (self._block >= first - 1) & (self._block <= first + 4) & (self._block <= last)
         baseline, parameters = self.group.baselines[row], self.group.model.parameters
         symbols = [parameters[i].symbol for i in self._physical]
-        spread = baseline.diagnostics.get("score_spread", {})
         peaks = np.where(near[:, None], self._peak[row], 0.0)
         largest = np.abs(peaks).argmax(axis=0)
         return Departure(
@@ -94,7 +94,7 @@ class RecentGroup:
             values=np.array([baseline.parameters[s] for s in symbols]),
             score=self._score[row, recent].sum(axis=0),
             information=self._information[row, recent].sum(axis=0),
-            spread=np.array([max(1.0, float(spread.get(s, 1.0))) for s in symbols]),
+            spread=spread_of(baseline, symbols),
             baseline=granted(self.group, baseline),
             outputs=tuple(q.symbol for q in self.group.model.outputs),
             innovation=self._sum[row, recent].sum(axis=0),
@@ -104,15 +104,14 @@ class RecentGroup:
 
     def export_state(self) -> JsonObject:
         """Plain data."""
-        names = ("score", "information", "sum", "count", "peak")
-        sums = {k: a.copy() for k, a in zip(names, self._sums(), strict=True)}
+        sums = {k: a.copy() for k, a in zip(SUMS, self._sums(), strict=True)}
         return {"block": self._block.copy(), "far": self._far.copy(), **sums}
 
     def restore_state(self, state: JsonObject) -> None:
         """Continue where :meth:`export_state` stood."""
         self._block = np.array(state["block"], dtype=np.int64)
         self._far = np.array(state["far"], dtype=np.bool_)
-        for name, sums in zip(("score", "information", "sum", "count", "peak"), self._sums(), strict=True):
+        for name, sums in zip(SUMS, self._sums(), strict=True):
             sums[...] = np.asarray(state[name])
 
 

@@ -62,7 +62,7 @@ class ScoreCharts:
         error = np.stack([granted(self._group, b) for b in baselines])
         self._chart.depart(rows, error * self._told[:, :, None] * self._told[:, None, :])
         self._group.error = self._chart.covariance
-        self._chart.tolerate(self._slack * np.stack([relative_slopes(self._group, b) for b in baselines]) * self._told)
+        self._chart.tolerate(self._slack * relative_slopes(self._group) * self._told)
         spreads = [b.diagnostics.get("score_spread", {}) for b in baselines]
         blocks = [b.diagnostics.get("score_blocks", KNOWN) for b in baselines]
         self._chart.presume(rows, [[spread.get(s, 1.0) for s in self._symbols] for spread in spreads], blocks)

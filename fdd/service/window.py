@@ -9,6 +9,7 @@ import numpy as np
 
 from fdd.greybox.likelihood import Data, Likelihood
 from fdd.records import NANOSECONDS, AlarmState, Baseline, FloatArray, JsonObject
+from fdd.service.alarms import PLANT, kind_in
 from fdd.service.history import History, Run, runs
 from fdd.service.plan import Component, Plan
 
@@ -37,7 +38,7 @@ def avoided(alarms: Iterable[JsonObject], component: Component, margin: int = MA
     return [
         (int(a["since"]) - margin, int(a["updated"]) + margin if a["state"] in OVER else None)
         for a in alarms
-        if a["evidence"].get("kind", "plant") == "plant"
+        if kind_in(a["evidence"]) == PLANT
         and (a["component"] == component.name or points & set(a["evidence"].get("points", ())))
     ]
 

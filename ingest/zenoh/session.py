@@ -125,14 +125,7 @@ def declare_subscriber(
 
 def ask_history(session: Any, key: str, have: Mapping[str, int]) -> list[bytes]:
     """Every reachable publisher's answer to what it has after ``have`` (stream to last number)."""
-    replies = session.get(
-        f"{key}/{HISTORY}",
-        payload=json.dumps({"have": dict(have)}),
-        target=zenoh.QueryTarget.ALL,
-        consolidation=zenoh.ConsolidationMode.NONE,
-        timeout=_HISTORY_SECONDS,
-    )
-    return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+    return ask(session, f"{key}/{HISTORY}", json.dumps({"have": dict(have)}).encode(), _HISTORY_SECONDS)
 
 
 def declare_questions(session: Any, key: str, receive: Callable[[Question], None]) -> Any:
