@@ -247,7 +247,6 @@ def test_intervals_cover_as_they_say(model: ComponentModel, record_property: Cal
         intervals = fit(model, d).conf_int().values()
         hits += [low <= true <= high for (low, high), true in zip(intervals, TRUE, strict=True)]
     record_property("covered", dict(zip(model.symbols["parameters"], (hits / 200).tolist(), strict=True)))
-    print(model.name, hits / 200, hits.mean() / 200)
     assert 0.92 <= hits.mean() / 200 <= 0.98
 
 

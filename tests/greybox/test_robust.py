@@ -54,6 +54,20 @@ def test_normal_likelihood_does_not_stand_them() -> None:
     assert (~(np.abs(z) <= 3)).any(axis=1).sum() >= 15  # of 20 records some estimate is off, or its error is lost
 
 
+@pytest.mark.parametrize("huber", [1.5, 2.5])
+def test_outliers_to_one_side_pull_the_level_by_less_than_half(huber: float) -> None:
+    """Every fiftieth sample reads 8 too high; against the normal likelihood, and from the estimate without outliers."""
+    d = drawn(1, 0.0)
+    y = d.y.copy()
+    y[::50] += 8.0
+    spoilt = dataclasses.replace(d, y=y)
+    level, plain, robust = (
+        fit(problems.ou1d(), data, huber=bound).params["mu"]
+        for data, bound in ((d, np.inf), (spoilt, np.inf), (spoilt, huber))
+    )
+    assert abs(robust - level) < 0.5 * abs(plain - level)
+
+
 def test_without_outliers_little_is_lost() -> None:
     """Against the normal likelihood: estimates differ by a fraction of an error."""
     d = drawn(7, 0.0)
