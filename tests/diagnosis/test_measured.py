@@ -7,14 +7,16 @@ import pytest
 
 from fdd.diagnosis.departure import Departure
 from fdd.diagnosis.measured import measured_causes
+from fdd.models.declare import ComponentModel
 from fdd.models.registry import get_model
 from fdd.plant.district import models
 from fdd.records import FloatArray
 
 
-def departure(component: str, shift: dict[str, float], mean: dict[str, float], jump: dict[str, float]) -> Departure:
+def departure(
+    model: ComponentModel, shift: dict[str, float], mean: dict[str, float], jump: dict[str, float]
+) -> Departure:
     """Parameters seen with a standard error of 1 % each for themselves, a thousand samples of each output."""
-    model = models()[component]
     physical = [p for p in model.parameters if p.kind == "physical"]
     symbols = tuple(p.symbol for p in physical)
     information = np.eye(len(symbols)) * 1e4
@@ -52,7 +54,8 @@ def departure(component: str, shift: dict[str, float], mean: dict[str, float], j
 def test_physics_made_by_hand_is_rightly_named(
     component: str, shift: dict[str, float], mean: dict[str, float], jump: dict[str, float], name: str, where: str
 ) -> None:
-    causes = measured_causes(models()[component], departure(component, shift, mean, jump))
+    model = models()[component]
+    causes = measured_causes(model, departure(model, shift, mean, jump))
     assert (causes[0]["name"], causes[0]["where"]) == (name, where), causes
     assert causes[0]["likelihood"] > 0.5
     assert causes[0]["checks"]
@@ -60,13 +63,14 @@ def test_physics_made_by_hand_is_rightly_named(
 
 
 def test_likelihoods_with_that_of_the_model_add_up_to_one() -> None:
-    causes = measured_causes(models()["building"], departure("building", {"B_out_south": 0.25}, {"T_south": -1.2}, {}))
+    building = models()["building"]
+    causes = measured_causes(building, departure(building, {"B_out_south": 0.25}, {"T_south": -1.2}, {}))
     assert sum(c["likelihood"] for c in causes) == pytest.approx(1.0, abs=0.03)
 
 
 def test_what_no_signature_explains_is_told_as_such() -> None:
-    strange = departure("radiator-south", {"C": 0.9, "H": -0.9}, {"T_return": -6.0}, {})
-    causes = measured_causes(models()["radiator-south"], strange)
+    radiator = models()["radiator-south"]
+    causes = measured_causes(radiator, departure(radiator, {"C": 0.9, "H": -0.9}, {"T_return": -6.0}, {}))
     assert causes[0]["name"] == "model"
 
 
@@ -99,22 +103,8 @@ def test_a_zone_tells_its_sensor_from_its_heater(
     shift: dict[str, float], mean: float, jump: float, name: str, where: str
 ) -> None:
     model = get_model("zone", nodes="TiTe")
-    physical = tuple(p for p in model.parameters if p.kind == "physical")
-    assert tuple(p.symbol for p in physical) == ZONE
-    information = np.eye(5) * 1e4
-    seen = Departure(
-        symbols=ZONE,
-        values=np.array([p.typical for p in physical]),
-        score=information @ np.array([shift.get(s, 0.0) for s in ZONE]),
-        information=information,
-        spread=np.ones(5),
-        baseline=np.eye(5) * 1e-4,
-        outputs=("T_in",),
-        innovation=np.array([1000 * mean]),
-        count=np.array([1000.0]),
-        jump=np.array([jump]),
-    )
-    causes = measured_causes(model, seen)
+    assert tuple(p.symbol for p in model.parameters if p.kind == "physical") == ZONE
+    causes = measured_causes(model, departure(model, shift, {"T_in": mean}, {"T_in": jump}))
     assert (causes[0]["name"], causes[0]["where"]) == (name, where), causes
     assert all(": " in check for cause in causes[:3] for check in cause["checks"])
 

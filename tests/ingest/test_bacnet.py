@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 import threading
 from collections.abc import Iterator
+from socket import SOCK_DGRAM
 from typing import Any
 
 import numpy as np
@@ -19,12 +19,7 @@ from bacpypes3.pdu import IPv4Address
 from fdd.records import Batch, Quality
 from ingest.bacnet import BacnetOptions, BacnetSource
 from ingest.source import Context, NotReady, Refused
-
-
-def _free_port(host: str) -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind((host, 0))
-        return int(probe.getsockname()[1])
+from tests.ports import free_port
 
 
 async def _serve(port: int, ready: threading.Event, stop: threading.Event) -> None:
@@ -69,7 +64,7 @@ async def _serve(port: int, ready: threading.Event, stop: threading.Event) -> No
 
 @pytest.fixture
 def device() -> Iterator[str]:
-    port, ready, stop = _free_port("127.0.0.1"), threading.Event(), threading.Event()
+    port, ready, stop = free_port(kind=SOCK_DGRAM), threading.Event(), threading.Event()
     thread = threading.Thread(target=lambda: asyncio.run(_serve(port, ready, stop)))
     thread.start()
     assert ready.wait(10)
@@ -80,7 +75,12 @@ def device() -> Iterator[str]:
 
 def _source(devices: dict[str, str], columns: tuple[str, ...], **options: Any) -> BacnetSource:
     source = BacnetSource(now=iter(range(10**6)).__next__)
-    table = {"address": f"127.0.0.2:{_free_port('127.0.0.2')}", "devices": devices, "interval": "0.2 s", **options}
+    table = {
+        "address": f"127.0.0.2:{free_port('127.0.0.2', SOCK_DGRAM)}",
+        "devices": devices,
+        "interval": "0.2 s",
+        **options,
+    }
     source.configure(BacnetOptions.model_validate(table), Context(columns=columns))
     return source
 
@@ -106,7 +106,7 @@ def test_values_of_many_objects_arrive_poll_after_poll(device: str) -> None:
 
 
 def test_missing_objects_faults_and_silent_devices_are_counted_and_the_rest_goes_on(device: str) -> None:
-    silent = f"127.0.0.3:{_free_port('127.0.0.3')}"
+    silent = f"127.0.0.3:{free_port('127.0.0.3', SOCK_DGRAM)}"
     columns = ("ahu/analog-input,0", "ahu/analog-input,77", "ahu/analog-input,99", "away/analog-input,1")
     source = _source({"ahu": device, "away": silent}, columns, timeout="0.5 s")
     source.open()

@@ -20,6 +20,7 @@ from ingest.message import MalformedMessage, encode
 from ingest.mqtt import MqttOptions, MqttSource
 from ingest.mqtt.payload import bare_value, json_object, number
 from ingest.source import Context, NotReady, Refused
+from tests.ports import free_port
 
 
 def test_words_and_numbers_are_values() -> None:
@@ -50,15 +51,9 @@ def test_json_object_gives_value_and_time_in_their_keys() -> None:
 
 
 def test_a_broker_that_is_not_there_is_not_ready() -> None:
-    source = _source(_free_port())
+    source = _source(free_port())
     with pytest.raises(NotReady, match="does not answer"):
         source.open()
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def _source(port: int, **options: Any) -> MqttSource:
@@ -72,7 +67,7 @@ class Broker:
     """A mosquitto on loopback that can be restarted and keeps its sessions on disk."""
 
     def __init__(self, program: str, folder: Path) -> None:
-        self.port, self._program, self._folder = _free_port(), program, folder
+        self.port, self._program, self._folder = free_port(), program, folder
         (folder / "users").write_text("")
         (folder / "broker.conf").write_text(
             f"listener {self.port} 127.0.0.1\nallow_anonymous true\npersistence true\n"

@@ -21,6 +21,7 @@ from fdd.records import Batch
 from ingest.source import Context, NotReady, Refused
 from ingest.zenoh import ZenohOptions, ZenohPublisher, ZenohSource
 from ingest.zenoh.session import open_session
+from tests.ports import free_port
 
 SCRIPT = Path(__file__).with_name("zenoh_processes.py")
 ROOT = Path(__file__).resolve().parents[2]
@@ -28,9 +29,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture
 def endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port()}"
 
 
 @pytest.fixture

@@ -1,7 +1,13 @@
-"""A site folder for the drifting room: site file, store with its samples, and a first baseline."""
+"""A site folder for the drifting room: site file, store with its samples, a first baseline; and its daemon."""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -59,3 +65,25 @@ def first_baseline(opened: Opened, course: Course, seed: int, days: int) -> Base
     """Fitted to the first days of a course."""
     history = simulate(course, seed).between(None, START + days * DAY_NS)
     return identify(opened.plan, opened.plan.components[0], history)[0]
+
+
+@contextmanager
+def daemon(site_file: Path, log: Path, **environment: str) -> Iterator[subprocess.Popen[bytes]]:
+    """``fdd run`` on a site file as a process of its own; killed in the end if it still runs."""
+    command = [sys.executable, "-m", "fdd", "run", str(site_file)]
+    with log.open("wb") as out:
+        process = subprocess.Popen(command, stderr=out, stdout=out, env={**os.environ, **environment})
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+        process.wait()
+
+
+def until(said: Callable[[], bool], seconds: float = 60.0) -> None:
+    """Wait for what a daemon is to do."""
+    end = time.monotonic() + seconds
+    while not said():
+        assert time.monotonic() < end, "it did not happen in time"
+        time.sleep(0.05)

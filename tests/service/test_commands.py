@@ -27,8 +27,8 @@ from fdd.service.status import read_status
 from fdd.store.sqlite import SqliteStore
 from ingest.zenoh import OperatorOptions, ZenohOptions, ZenohPublisher
 from ingest.zenoh.session import ask, open_session
-from tests.service.room_site import first_baseline, make_site
-from tests.service.test_operation import free_port, until
+from tests.ports import free_port
+from tests.service.room_site import daemon, first_baseline, make_site, until
 
 HOUR = 3600 * NANOSECONDS
 
@@ -116,23 +116,14 @@ def test_the_key_of_the_questions_holds_the_sites_name() -> None:
 class Running:
     """A daemon process of the room, which loses a third more heat from day 16 on, and a session that asks it."""
 
-    def __init__(self, folder: Path) -> None:
-        samples, questions = free_port(), free_port()
-        extra = (
-            f"source: {{kind: zenoh, key: 'room/**', listen: ['tcp/127.0.0.1:{samples}']}}\n"
-            f"operator: {{listen: ['tcp/127.0.0.1:{questions}']}}\n"
-        )
-        self.course = Course(26, step=0.35, onset=16.0)
-        make_site(folder, self.course, 4, learning_days=14, extra=extra)
-        self.site_file, self.log = folder / "site.yaml", folder / "log"
-        with self.log.open("wb") as out:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "fdd", "run", str(self.site_file)], stderr=out, stdout=out
-            )
-        until(lambda: "running" in self.log.read_text() or self.process.poll() is not None)
+    course = Course(26, step=0.35, onset=16.0)
+
+    def __init__(self, site_file: Path, samples: int, questions: int) -> None:
+        self.site_file = site_file
         self.publisher = ZenohPublisher(ZenohOptions(connect=(f"tcp/127.0.0.1:{samples}",)), "room/plant")
-        self.session: Any = open_session(OperatorOptions(connect=(f"tcp/127.0.0.1:{questions}",)), folder)
-        self.key = key_of(load_site(self.site_file))
+        options = OperatorOptions(connect=(f"tcp/127.0.0.1:{questions}",))
+        self.session: Any = open_session(options, site_file.parent)
+        self.key = key_of(load_site(site_file))
 
     def publish(self) -> None:
         days = simulate(self.course, 4).between(START + 14 * DAY * NANOSECONDS, None)
@@ -146,15 +137,24 @@ class Running:
     def close(self) -> None:
         self.session.close()
         self.publisher.close()
-        self.process.terminate()
-        self.process.wait(30)
 
 
 @pytest.fixture
 def running(tmp_path: Path) -> Iterator[Running]:
-    plant = Running(tmp_path)
-    yield plant
-    plant.close()
+    samples, questions = free_port(), free_port()
+    extra = (
+        f"source: {{kind: zenoh, key: 'room/**', listen: ['tcp/127.0.0.1:{samples}']}}\n"
+        f"operator: {{listen: ['tcp/127.0.0.1:{questions}']}}\n"
+    )
+    make_site(tmp_path, Running.course, 4, learning_days=14, extra=extra)
+    site_file, log = tmp_path / "site.yaml", tmp_path / "log"
+    with daemon(site_file, log) as process:
+        until(lambda: "running" in log.read_text() or process.poll() is not None)
+        plant = Running(site_file, samples, questions)
+        yield plant
+        plant.close()
+        process.terminate()
+        process.wait(30)
 
 
 def test_operators_list_and_handle_alarms_over_zenoh(running: Running) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import urllib.request
 from pathlib import Path
 
@@ -18,8 +16,8 @@ from fdd.service.opened import open_site
 from fdd.service.status import read_status
 from ingest.zenoh.options import ZenohOptions
 from ingest.zenoh.publisher import ZenohPublisher
-from tests.service.room_site import DAY_NS, make_site
-from tests.service.test_operation import free_port, until
+from tests.ports import free_port
+from tests.service.room_site import DAY_NS, daemon, make_site, until
 
 pytestmark = pytest.mark.integration
 COURSE, SEED = Course(60, season=0.09), 4
@@ -58,9 +56,7 @@ def test_jobs_change_the_baseline_under_way_write_reports_and_fail_without_harm(
             out.publish(message(part))
             return len(part)
 
-        with (tmp_path / "log").open("wb") as log:
-            daemon = subprocess.Popen([sys.executable, "-m", "fdd", "run", str(site_file)], stderr=log, stdout=log)
-        try:
+        with daemon(site_file, tmp_path / "log") as process:
             sent += send(40, 41)
             until(lambda: read_status(site_file).get("jobs_next", {}).keys() == {"reidentify", "report"}, 90)
             sent += send(41, 46)
@@ -78,12 +74,8 @@ def test_jobs_change_the_baseline_under_way_write_reports_and_fail_without_harm(
             until(
                 lambda: any(j["state"] == "done" and j["job"] == "report" for j in read_status(site_file)["jobs"]), 120
             )
-            daemon.terminate()
-            assert daemon.wait(60) == 0
-        finally:
-            if daemon.poll() is None:
-                daemon.kill()
-                daemon.wait()
+            process.terminate()
+            assert process.wait(60) == 0
     assert "<html" in (reports / "report-2025-12-01.html").read_text()
     lines = [json.loads(x) for x in (tmp_path / "log").read_text().splitlines() if x.startswith("{")]
     assert next((x["component"], x["version"]) for x in lines if x["event"] == "baseline in force") == ("room", 2)

@@ -6,12 +6,8 @@ import json
 import os
 import signal
 import socket
-import subprocess
-import sys
-import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -25,7 +21,8 @@ from fdd.service.metrics import MetricsServer, exposition
 from fdd.service.opened import open_site
 from fdd.service.schedule import Job, JobRunner, Schedule, jobs_of
 from fdd.service.status import read_status
-from tests.service.room_site import make_site
+from tests.ports import free_port
+from tests.service.room_site import daemon, make_site, until
 
 
 def ns(text: str) -> int:
@@ -70,13 +67,6 @@ def test_reports_are_about_whole_months_and_weeks_of_the_site(
 ) -> None:
     job = Job(Schedule("report", every, (6, 0), zone), (), 2 * 86400.0)  # type: ignore[arg-type]
     assert job.period(ns(due)) == (ns(since), ns(end))
-
-
-def until(said: Callable[[], bool], seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not said():
-        assert time.monotonic() < end, "it did not happen in time"
-        time.sleep(0.05)
 
 
 @pytest.mark.slow
@@ -159,12 +149,6 @@ def test_systemd_hears_ready_and_alive(tmp_path: Path, monkeypatch: pytest.Monke
                 heard.recv(100)
 
 
-def free_port() -> int:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
-
-
 def test_the_daemon_reloads_refuses_a_bad_file_tells_its_state_and_stops(tmp_path: Path) -> None:
     """A live MQTT source without a broker would wait; Zenoh listens by itself."""
     port, web = free_port(), free_port()
@@ -174,31 +158,22 @@ def test_the_daemon_reloads_refuses_a_bad_file_tells_its_state_and_stops(tmp_pat
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as heard:
         heard.bind(str(tmp_path / "n"))
         heard.settimeout(60)
-        env = {**os.environ, "NOTIFY_SOCKET": str(tmp_path / "n"), "WATCHDOG_USEC": "1000000"}
-        with log.open("wb") as out:
-            daemon = subprocess.Popen(
-                [sys.executable, "-m", "fdd", "run", str(site_file)], stderr=out, stdout=out, env=env
-            )
-        try:
+        with daemon(site_file, log, NOTIFY_SOCKET=str(tmp_path / "n"), WATCHDOG_USEC="1000000") as process:
             assert heard.recv(100) == b"READY=1"
             until(lambda: heard.recv(100) == b"WATCHDOG=1")
             until(lambda: read_status(site_file)["state"] == "running")
             assert read_status(site_file)["baselines"] == {"room": 1}
             text = site_file.read_text()
             site_file.write_text(text.replace("model: zone", "model: zonee"))
-            daemon.send_signal(signal.SIGHUP)
+            process.send_signal(signal.SIGHUP)
             until(lambda: "reload refused" in log.read_text())
             site_file.write_text(text + "false_alarms_per_year: 3\n")
-            daemon.send_signal(signal.SIGHUP)
+            process.send_signal(signal.SIGHUP)
             until(lambda: '"reloaded"' in log.read_text())
             with urllib.request.urlopen(f"http://127.0.0.1:{web}/metrics") as answer:
                 assert b'fdd_baseline_version{component="room"} 1' in answer.read()
-            daemon.send_signal(signal.SIGTERM)
-            assert daemon.wait(30) == 0
-        finally:
-            if daemon.poll() is None:
-                daemon.kill()
-                daemon.wait()
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(30) == 0
     lines = [json.loads(line) for line in log.read_text().splitlines() if line.startswith("{")]
     store = open_site(site_file).store(read_only=True)
     assert {"service/sample_rate", "service/rss"} <= set(store.series("health"))

@@ -8,17 +8,19 @@ from __future__ import annotations
 import itertools
 import os
 import shutil
-import socket
 import ssl
 import subprocess
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from influxdb_client import InfluxDBClient, OnboardingRequest, SetupService
+
+from tests.ports import free_port
 
 ORG = "plant"
 _numbers = itertools.count()
@@ -34,10 +36,12 @@ def find_influxd() -> Path | None:
     return built[-1] if built else Path(in_path) if in_path else None
 
 
-def free_port() -> int:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return int(s.getsockname()[1])
+def needed_influxd() -> Path:
+    """The server's binary; the test is skipped where there is none."""
+    binary = find_influxd()
+    if binary is None:
+        pytest.skip("no influxd here: run deploy/influxd/build.sh or set FDD_INFLUXD")
+    return binary
 
 
 class Influxd:
@@ -107,19 +111,23 @@ class Influxd:
         return name
 
 
-@pytest.fixture(scope="session")
-def influxd_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Influxd]:
-    """One server for the session, set up with an organisation and an administrator."""
-    binary = find_influxd()
-    if binary is None:
-        pytest.skip("no influxd here: run deploy/influxd/build.sh or set FDD_INFLUXD")
-    server = Influxd(binary, tmp_path_factory.mktemp("influxd"))
+@contextmanager
+def own_server(folder: Path, tls: tuple[Path, Path] | None = None) -> Iterator[Influxd]:
+    """A server of the test's own that was never used; skips where there is none."""
+    server = Influxd(needed_influxd(), folder, tls)
     server.start()
     try:
-        server.set_up()
         yield server
     finally:
         server.kill()
+
+
+@pytest.fixture(scope="session")
+def influxd_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Influxd]:
+    """One server for the session, set up with an organisation and an administrator."""
+    with own_server(tmp_path_factory.mktemp("influxd")) as server:
+        server.set_up()
+        yield server
 
 
 @pytest.fixture

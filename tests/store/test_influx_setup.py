@@ -16,7 +16,7 @@ from fdd.records import Rows
 from fdd.store.influx import InfluxStore
 from fdd.store.influx_setup import Plan, downsampling, set_up
 from fdd.store.store import StoreConfig, StoreError
-from tests.store.influxd import ORG, Influxd, find_influxd
+from tests.store.influxd import ORG, Influxd, own_server
 
 pytestmark = pytest.mark.integration
 HOUR = 3600 * 10**9
@@ -111,18 +111,13 @@ def test_downsampling_keeps_the_mean_the_worst_code_and_the_last_count(
 
 
 def test_the_command_sets_up_a_server_that_was_never_used(tmp_path: Path) -> None:
-    from fdd.store.influx_setup import main
-
-    binary = find_influxd()
-    if binary is None:
-        pytest.skip("no influxd here: run deploy/influxd/build.sh or set FDD_INFLUXD")
     import typer
+
+    from fdd.store.influx_setup import main
 
     app = typer.Typer()
     app.command()(main)
-    server = Influxd(binary, tmp_path / "server")
-    server.start()
-    try:
+    with own_server(tmp_path / "server") as server:
         (tmp_path / "password").write_text("a-long-password\n")
         shared = ["--url", server.url, "--org", "plant", "--bucket", "hvac", "--tokens", str(tmp_path / "tokens")]
         shared += ["--admin-token-file", str(tmp_path / "tokens" / "admin.token")]
@@ -134,8 +129,6 @@ def test_the_command_sets_up_a_server_that_was_never_used(tmp_path: Path) -> Non
             "influx", "n", url=server.url, org="plant", bucket="hvac", token_file=tmp_path / "tokens/daemon.token"
         )
         InfluxStore(config).put("run", "r", {"x": 1})
-    finally:
-        server.kill()
     wrong = CliRunner().invoke(app, [*shared, "--rotate"])
     assert wrong.exit_code == 1
     assert "does not answer" in wrong.output

@@ -12,7 +12,7 @@ import zenoh
 from fdd.records import Batch, Sample
 from ingest.source import Context
 from ingest.zenoh import ZenohOptions, ZenohPublisher, ZenohSource
-from tests.store.influxd import free_port
+from tests.ports import free_port
 
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 

@@ -16,7 +16,7 @@ from fdd.records import Rows
 from fdd.store.influx import InfluxStore
 from fdd.store.sqlite import SqliteStore
 from fdd.store.store import StoreConfig
-from tests.store.influxd import ORG, Influxd, find_influxd
+from tests.store.influxd import ORG, own_server
 
 RUNBOOK = (Path(__file__).resolve().parents[2] / "docs" / "runbook.md").read_text()
 N = 1000
@@ -73,12 +73,7 @@ def test_sqlite_backup_of_the_runbook_is_whole_while_the_daemon_writes(tmp_path:
 @pytest.mark.integration
 def test_folder_of_a_stopped_influxdb_is_a_backup(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "copy its data folder" in RUNBOOK
-    binary = find_influxd()
-    if binary is None:
-        pytest.skip("no influxd here: run deploy/influxd/build.sh or set FDD_INFLUXD")
-    server = Influxd(binary, tmp_path / "server")
-    server.start()
-    try:
+    with own_server(tmp_path / "server") as server:
         server.set_up()
         monkeypatch.setenv("FDD_TEST_TOKEN", server.admin_token)
         bucket = server.new_bucket()
@@ -100,5 +95,3 @@ def test_folder_of_a_stopped_influxdb_is_a_backup(tmp_path: Path, monkeypatch: p
         server.start()
         assert len(store().read("charts")) == N
         assert store().get("alarm", "hx@1") == {"key": "hx@1"}
-    finally:
-        server.kill()
