@@ -1,13 +1,15 @@
 """Every fault of the simulated house at several sizes, under the service's own filters and charts: what is found when.
 
-A run is three weeks of a house with one fault in a component from the second day on. Score charts and innovation charts
-watch it side by side, each kind with the same rate of false alarms for the component as a whole, on two baselines:
+A run is three weeks of a house with one fault in a component from the third day on. Score charts, innovation charts and
+charts of the model's health watch it side by side, each family with the same rate of false alarms for the component as
+a whole, on two baselines:
 
 fitted   by maximum likelihood to four weeks of another life of the house; errors of the baseline are allowed for
 known    the true physical parameters, taken as known: what the run lengths of theory are about
 
 A filter is driven by what is measured, so that a change of one component's parameters leaves the others healthy: one
-simulated house carries a faulty parameter in each component.
+simulated house carries a faulty parameter in each component. A house lives several lives, each with a weather and a
+noise of its own, on the same baselines.
 """
 
 from __future__ import annotations
@@ -26,7 +28,9 @@ from fdd.plant.simulate import Change, Simulator
 from fdd.records import NANOSECONDS, Baseline, FloatArray, IntArray
 from fdd.residual_monitors.budget import YEAR
 from fdd.residual_monitors.chart import Phase, Verdicts
+from fdd.service.chart_family import Family
 from fdd.service.filters import FilterGroup, GroupStep
+from fdd.service.health_charts import KINDS, HealthCharts, window_of
 from fdd.service.innovation_charts import InnovationCharts
 from fdd.service.plan import Component, Plan
 from fdd.service.score_charts import ScoreCharts
@@ -37,8 +41,12 @@ FRAMES_A_DAY = round(DAY / STEP)
 DAYS, ONSET = 23.0, 49 / 24  # the onset is the begin of a block of scores, an hour after the charts' own begin
 SIZES = (0.05, 0.1, 0.2, 0.3)
 RATE = 0.5
-"""False alarms a year of each kind of chart on a component."""
+"""False alarms a year of each family of charts on a component."""
 BLOCK = 72
+BLOCK_DAYS = BLOCK * STEP / DAY
+WINDOW = window_of(round(STEP * NANOSECONDS))[0]
+SETTLED = round(2 * FRAMES_A_DAY)
+"""Frames that charts have seen before the onset; the first hour they leave to the filters."""
 COURSE = 7 * FRAMES_A_DAY
 HEALTHY = "none"
 """Name of the fault of a house that has none, with the same weather and noise: what the others differ from."""
@@ -70,11 +78,13 @@ class Watched:
     parameter whose change alone explains most, two days after the first score chart rang. ``z`` (blocks, n_p) are the
     standardised block scores after the onset, ``information`` (blocks, n_p) their informations, ``innovation`` the
     sums, squares and counts of standardised innovations after the onset, (3, n_y). ``course`` (frames, n_y) has these
-    innovations themselves for the first week after the onset.
+    innovations themselves for the first week after the onset. ``spread`` (2, n_y) is what a window's dispersion must
+    pass: the least and the most that the chart takes for healthy.
     """
 
     fault: Fault
     seed: int
+    life: int
     baseline: str
     streams: dict[str, float]
     early: set[str] = field(default_factory=set)
@@ -83,12 +93,16 @@ class Watched:
     information: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     innovation: FloatArray = field(default_factory=lambda: np.empty((3, 0)))
     course: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    spread: FloatArray = field(default_factory=lambda: np.empty((2, 0)))
 
-    def delay(self, kind: str) -> float:
-        """Of the first chart of this kind (``score``, ``cusum``) [days]; inf: none by the last day, NaN: rang early."""
-        if kind in self.early:
+    def delay(self, *kinds: str) -> float:
+        """Of the first chart of these kinds (``score``, ``cusum``) [days]; inf: none by the last day, NaN: rang early.
+
+        Early is a ring before the onset: what comes after it is no detection.
+        """
+        if not self.early.isdisjoint(kinds):
             return float("nan")
-        return min((d for s, d in self.streams.items() if s.endswith(kind)), default=np.inf) * STEP / DAY
+        return min((d for s, d in self.streams.items() if s.endswith(kinds)), default=np.inf) * STEP / DAY
 
 
 def physical(component: str) -> list[str]:
@@ -172,12 +186,25 @@ def _certain(baseline: Baseline) -> Baseline:
     return replace(baseline, covariance=(1e-12 * np.eye(n)).tolist(), diagnostics=known)
 
 
-def watch(houses: Sequence[tuple[Fault, ...]], seed: int, sets: Sequence[str] = SETS) -> list[Watched]:
-    """Simulate the houses with one weather and watch the faulty components of all of them side by side."""
+def watch(
+    houses: Sequence[tuple[Fault, ...]], seed: int, sets: Sequence[str] = SETS, lives: Sequence[int] = (0,)
+) -> list[Watched]:
+    """Let the houses live these lives, each of one weather for all, and watch their faulty components side by side."""
     plan, known = baselines(seed, sorted({f.component for house in houses for f in house}))
-    lives = [simulate(house, 7919 + seed) for house in houses]
-    time = lives[0][0]
-    values = np.stack([v for _, v in lives], axis=1)
+    return [run for life in lives for run in _lived(houses, seed, sets, life, plan, known)]
+
+
+def _lived(
+    houses: Sequence[tuple[Fault, ...]],
+    seed: int,
+    sets: Sequence[str],
+    life: int,
+    plan: Plan,
+    known: dict[str, dict[str, Baseline]],
+) -> list[Watched]:
+    found = [simulate(house, 7919 + seed + 1000 * life) for house in houses]
+    time = found[0][0]
+    values = np.stack([v for _, v in found], axis=1)
     kinds = {c.name: c for c in plan.components}
     runs: list[Watched] = []
     members: dict[str, list[Component]] = {}
@@ -186,50 +213,62 @@ def watch(houses: Sequence[tuple[Fault, ...]], seed: int, sets: Sequence[str] = 
     for (plant, house), which in product(enumerate(houses), sets):
         for f in house:
             name = f"{which}/{plant}/{f.component}"
-            index[name] = Watched(f, seed, which, {})
+            index[name] = Watched(f, seed, life, which, {})
             runs.append(index[name])
             component = whole_engine._prefixed(kinds[f.component], name, str(plant))
             members.setdefault(EQUIPMENT[f.component][0], []).append(component)
             own[name] = replace(known[which][f.component], component=name)
     points = tuple(f"{plant}/{p}" for plant in range(len(houses)) for p in plan.points)
     whole = replace(plan, points=points, derived=(), components=tuple(c for m in members.values() for c in m))
-    _watch(whole, members, own, index, time, values.reshape(len(time), -1))
+    for model in members.values():
+        _watch(whole, model, own, index, time, values.reshape(len(time), -1))
     return runs
 
 
 def _watch(
     plan: Plan,
-    members: dict[str, list[Component]],
+    members: list[Component],
     own: dict[str, Baseline],
     index: dict[str, Watched],
     time: IntArray,
     values: FloatArray,
 ) -> None:
-    """Step filters and charts over all frames; fill in what they say."""
-    for model in members.values():
-        group = FilterGroup(model, own, plan.columns, hold=plan.hold, max_gap=plan.max_gap)
-        mean = YEAR / STEP / RATE
-        parameters = sum(p.kind == "physical" for p in group.model.parameters)
-        score = ScoreCharts(0, group, plan, {c.name: mean * parameters for c in model})
-        innovations = InnovationCharts([group], {c.name: mean * len(group.model.outputs) for c in model})
-        record = _Record(group, score, innovations, [index[c.name] for c in model])
-        for frame, (t, row) in enumerate(zip(time.tolist(), values, strict=True)):
-            step = group.step(t, row)
-            record.take(frame, step, score.update([step]), innovations.update([step]))
-        record.finish()
+    """Step the filters and charts of one model over all frames; fill in what they say."""
+    group = FilterGroup(members, own, plan.columns, hold=plan.hold, max_gap=plan.max_gap)
+    mean = YEAR / STEP / RATE
+    parameters = sum(p.kind == "physical" for p in group.model.parameters)
+    outputs = len(group.model.outputs)
+    score = ScoreCharts(0, group, plan, {c.name: mean * parameters for c in members})
+    innovations = InnovationCharts([group], {c.name: mean * outputs for c in members})
+    health = HealthCharts(plan, [group], {c.name: mean * outputs * len(KINDS) for c in members})
+    record = _Record(group, score, innovations, health, index)
+    for frame, (t, row) in enumerate(zip(time.tolist(), values, strict=True)):
+        step = group.step(t, row)
+        record.take(frame, step, score.update([step]), innovations.update([step]), health.update([step]))
+    record.finish()
 
 
 class _Record:
     """Gathers what the charts of one group of components say."""
 
     def __init__(
-        self, group: FilterGroup, score: ScoreCharts, innovations: InnovationCharts, runs: list[Watched]
+        self,
+        group: FilterGroup,
+        score: ScoreCharts,
+        innovations: InnovationCharts,
+        health: HealthCharts,
+        index: dict[str, Watched],
     ) -> None:
-        self._score, self._runs = score, runs
+        self._score, self._index = score, index
+        runs = self._runs = [index[c.name] for c in group.components]
         self._physical = np.flatnonzero([p.kind == "physical" for p in group.model.parameters])
         self._symbols = [group.model.parameters[i].symbol for i in self._physical]
-        self._families = ((score, np.full(len(score.streams), np.nan)),
-                          (innovations, np.full(len(innovations.streams), np.nan)))  # fmt: skip
+        families: tuple[Family, ...] = (score, innovations, health)
+        self._families = [(family, np.full(len(family.streams), np.nan)) for family in families]
+        chart = health._spread
+        limits = np.stack([chart.centre - chart.limit, chart.centre + chart.limit])
+        for run, spread in zip(runs, limits.reshape(2, len(runs), -1).swapaxes(0, 1), strict=True):
+            run.spread = spread
         n, p = len(runs), len(self._physical)
         self._sum, self._info, self._count = np.zeros((n, p)), np.zeros((n, p)), 0
         self._blocks: list[tuple[FloatArray, FloatArray]] = []
@@ -238,11 +277,11 @@ class _Record:
         self._naming: dict[int, list[tuple[int, int]]] = {}
         self._onset = round(ONSET * FRAMES_A_DAY)
 
-    def take(self, frame: int, step: GroupStep, scores: Verdicts, innovations: Verdicts) -> None:
-        """One frame."""
-        for (_, first), said in zip(self._families, (scores, innovations), strict=True):
+    def take(self, frame: int, step: GroupStep, *verdicts: Verdicts) -> None:
+        """One frame, and what the families say of it: scores, innovations, health."""
+        for (_, first), said in zip(self._families, verdicts, strict=True):
             first[np.isnan(first) & (said.phase == Phase.ALARM)] = frame
-        self._name(frame, scores)
+        self._name(frame, verdicts[0])
         if frame < self._onset:
             return
         z = step.standardised
@@ -277,9 +316,8 @@ class _Record:
             for i, age in left:
                 self._named(i, age + NAMED_AFTER)
         for family, first in self._families:
-            per = len(first) // len(self._runs)
             for i, stream in enumerate(family.streams):
-                run, symbol = self._runs[i // per], stream.name.rpartition("/")[2]
+                run, symbol = self._index[stream.component], stream.name.rpartition("/")[2]
                 if first[i] < self._onset:
                     run.early.add(symbol.partition(":")[2])
                 elif np.isfinite(first[i]):

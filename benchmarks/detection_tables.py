@@ -1,14 +1,8 @@
-"""What was found of the simulated house's faults, how soon, and how that compares with the theory of run lengths.
-
-Theory takes the shift that the filter's own information predicts for a parameter's change, block by block, and runs the
-designed CUSUM on independent normal values with that mean: nothing of the filter's innovations enters. For faults that
-are no change of one parameter the shift is the difference of the innovations from those of the same house without the
-fault, under the same weather and noise, sample by sample; the CUSUM runs on independent normal values with that mean.
-"""
+"""What was found of the simulated house's faults, how soon, and how that compares with the theory of run lengths."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -16,20 +10,24 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.detection import BLOCK, COURSE, DAY, DAYS, HEALTHY, ONSET, RATE, STEP, Watched
+from benchmarks.detection import COURSE, DAY, DAYS, HEALTHY, ONSET, STEP, WINDOW, Watched
+from benchmarks.detection_theory import (
+    Compared,
+    compare,
+    dispersion_delays,
+    median,
+    noise_delays,
+    noisier,
+    parameter_delays,
+    shift_delays,
+)
 from fdd.greybox.likelihood import to_scale
 from fdd.plant.district import TRUTH, models
 from fdd.records import FloatArray
-from fdd.residual_monitors.budget import YEAR
-from fdd.residual_monitors.run_length import limit_for
+from fdd.service.health_charts import KINDS
 
-K = 0.5
-REPEATS = 400
-SETTLED = 40
-"""Blocks of a healthy chart before the fault, in theory."""
 SURE = 3.0
 """A change of fewer standard errors over the whole watch is one that no chart can see."""
-BLOCK_DAYS = BLOCK * STEP / DAY
 WATCHED = DAYS - ONSET
 
 
@@ -38,7 +36,7 @@ class Row:
     """One fault at one size: of the runs without an earlier false alarm, found by each kind of chart, and named.
 
     Delays are medians [days], inf where fewer than half were found. ``errors``: the change in standard errors over the
-    whole watch. ``theory``: median delay of the faulty parameter's own chart, ``own`` as it was on known parameters.
+    whole watch. ``own``: the faulty parameter's own chart on known parameters against theory.
     """
 
     component: str
@@ -51,18 +49,12 @@ class Row:
     innovation_delay: float
     named: float | None
     errors: float
-    own: float
-    theory: float
+    own: Compared
 
     @property
     def hidden(self) -> bool:
         """Whether no chart can see it."""
         return self.errors < SURE
-
-    @property
-    def ratio(self) -> float:
-        """Measured over theoretical delay."""
-        return self.own / self.theory if np.isfinite(self.theory) else float("nan")
 
 
 def rows(runs: Sequence[Watched]) -> list[Row]:
@@ -81,18 +73,20 @@ def _row(key: tuple[str, str, float], runs: list[Watched]) -> Row:
     rang = [r for r, d in zip(fitted, score, strict=True) if np.isfinite(d)]
     change = _change(*key)
     information = [_information(r) for r in known]
-    own = np.array([r.streams.get(f"{key[1]}:score", np.inf) * STEP / DAY for r in known if "score" not in r.early])
+    own = [
+        r.streams.get(f"{key[1]}:score", np.inf) * STEP / DAY if "score" not in r.early else float("nan") for r in known
+    ]
+    theory = [parameter_delays(change, i, known[0].z.shape[1]) for i in information]
     return Row(
         *key,
         runs=int(np.isfinite(score).sum() + np.isinf(score).sum()),
         score_found=_found(score),
-        score_delay=_median(score),
+        score_delay=median(score),
         innovation_found=_found(plain),
-        innovation_delay=_median(plain),
+        innovation_delay=median(plain),
         named=float(np.mean([r.named == key[1] for r in rang])) if rang else None,
         errors=abs(change) * float(np.sqrt(np.mean([i.sum() for i in information]))),
-        own=_median(own),
-        theory=theoretical(change, information, known[0].z.shape[1]),
+        own=compare(own, theory, WATCHED),
     )
 
 
@@ -110,39 +104,19 @@ def _information(run: Watched) -> FloatArray:
     return np.asarray(run.information[:, symbols.index(run.fault.symbol)])
 
 
-def theoretical(change: float, information: Sequence[FloatArray], charts: int) -> float:
-    """Median delay of a parameter's CUSUM over blocks after a change [days]; inf beyond the watch."""
-    h = float(limit_for("cusum", YEAR / STEP / RATE * charts / BLOCK, k=K))
-    delays = [_first_alarms(change * np.sqrt(own), h, SETTLED) for own in information]
-    return _median(np.concatenate(delays) * BLOCK_DAYS)
-
-
-def _first_alarms(shift: FloatArray, h: float, settled: int) -> FloatArray:
-    """Updates after the onset to the alarm of a CUSUM on normal values with these means; those before it left out."""
-    rng = np.random.default_rng(17)
-    whole = np.concatenate([np.zeros(settled), shift])
-    upper, lower, first = np.zeros(REPEATS), np.zeros(REPEATS), np.full(REPEATS, np.inf)
-    for t, mean in enumerate(whole):
-        values = rng.standard_normal(REPEATS) + mean
-        upper, lower = np.maximum(0.0, upper + values - K), np.maximum(0.0, lower - values - K)
-        first[np.isinf(first) & (np.maximum(upper, lower) > h)] = t - settled + 1
-    return first[first > 0]
-
-
 def _found(delay: FloatArray) -> float:
     kept = delay[~np.isnan(delay)]
     return float(np.isfinite(kept).mean()) if len(kept) else float("nan")
 
 
-def _median(delay: FloatArray) -> float:
-    """Not interpolated, since infinity is among the values; ``inf`` where fewer than half were found."""
-    kept = np.sort(delay[~np.isnan(delay)])
-    return float(kept[(len(kept) - 1) // 2]) if len(kept) else float("nan")
-
-
 @dataclass(frozen=True)
 class KindRow:
-    """A fault of the plant at one severity: the innovation chart that rang first, its mean shift, delay and theory."""
+    """A fault of the plant at one severity, on known parameters: found by the charts of plant and model, how soon.
+
+    ``chart``: the innovation chart that rang first, or the ``dispersion`` of the output whose noise has grown.
+    ``shift`` and ``variance`` are those of the innovations, 0 and 1 without the fault; ``own`` the chart's delay
+    against theory.
+    """
 
     component: str
     kind: str
@@ -151,51 +125,82 @@ class KindRow:
     runs: int
     found: float
     delay: float
+    model_found: float
+    model_delay: float
     chart: str
     shift: float
-    own: float
-    theory: float
-
-    @property
-    def ratio(self) -> float:
-        """Measured over theoretical delay."""
-        return self.own / self.theory if np.isfinite(self.theory) else float("nan")
+    variance: float
+    own: Compared
 
 
 def kind_rows(runs: Sequence[Watched]) -> list[KindRow]:
-    """A row for each fault of the plant and severity, on known parameters."""
+    """A row for each fault of the plant and severity, two for noise: what is meant for shifts, and for noise."""
 
     def key(r: Watched) -> tuple[str, str, str, float]:
         assert r.fault.plant is not None
         return r.fault.component, r.fault.name, r.fault.plant.target, r.fault.size
 
     known = [r for r in runs if r.fault.plant and r.baseline == "known"]
-    healthy = {(r.fault.component, r.seed): r for r in known if r.fault.name == HEALTHY}
+    healthy = {(r.fault.component, r.seed, r.life): r for r in known if r.fault.name == HEALTHY}
     order = sorted((r for r in known if r.fault.name != HEALTHY), key=key)
-    return [_kind_row(k, list(group), healthy) for k, group in groupby(order, key)]
+    table = []
+    for k, group in groupby(order, key):
+        same = list(group)
+        twins = [healthy[k[0], r.seed, r.life] for r in same]
+        table += [_kind_row(k, same, twins, chart) for chart in _charts(k, same)]
+    return table
 
 
-def _kind_row(
-    key: tuple[str, str, str, float], runs: list[Watched], healthy: Mapping[tuple[str, int], Watched]
-) -> KindRow:
-    delay = np.array([min(r.delay("score"), r.delay("cusum")) for r in runs])
+def _charts(key: tuple[str, str, str, float], runs: Sequence[Watched]) -> list[str]:
+    """Whose delays are held against theory."""
     outputs = [q.symbol for q in models()[key[0]].outputs]
     first = [min((f"{q}:cusum" for q in outputs), key=lambda s: r.streams.get(s, np.inf)) for r in runs]
     chart = max(set(first), key=first.count)
-    at = outputs.index(chart.partition(":")[0])
-    # Within the first week, which is as far as the course of the shift is kept.
-    own = np.array([r.streams.get(chart, np.inf) for r in runs if not r.early])
-    own = np.where(own <= COURSE, own, np.inf) * STEP / DAY
-    courses = [r.course[:, at] - healthy[key[0], r.seed].course[:, at] for r in runs]
-    shift = float(np.nanmean(np.concatenate(courses)))
-    theory = shifted(courses, len(outputs))
-    return KindRow(*key, len(runs), _found(delay), _median(delay), chart, shift, _median(own), theory)
+    return [chart, f"{key[2].rpartition('.')[2]}:dispersion"] if key[1] == "noise" else [chart]
 
 
-def shifted(courses: Sequence[FloatArray], charts: int) -> float:
-    """Median delay of an innovation CUSUM to shifts that take these courses [days]; inf beyond them."""
-    h = float(limit_for("cusum", YEAR / STEP / RATE * charts, k=K))
-    return _median(np.concatenate([_first_alarms(np.nan_to_num(c), h, SETTLED) for c in courses]) * STEP / DAY)
+def _kind_row(key: tuple[str, str, str, float], runs: list[Watched], twins: list[Watched], chart: str) -> KindRow:
+    outputs = [q.symbol for q in models()[key[0]].outputs]
+    output, _, kind = chart.partition(":")
+    at = outputs.index(output)
+    courses = [r.course[:, at] - h.course[:, at] for r, h in zip(runs, twins, strict=True)]
+    own = [r.streams.get(chart, np.inf) * STEP / DAY if kind not in r.early else float("nan") for r in runs]
+    plant, model = (np.array([r.delay(*kinds) for r in runs]) for kinds in (("score", "cusum"), KINDS))
+    return KindRow(
+        *key,
+        runs=len(runs),
+        found=_found(plant),
+        delay=median(plant),
+        model_found=_found(model),
+        model_delay=median(model),
+        chart=chart,
+        shift=float(np.nanmean(np.concatenate(courses))),
+        variance=_variance(key, courses),
+        own=_against_theory(key, kind, own, courses, [r.spread[:, at] for r in runs], len(outputs)),
+    )
+
+
+def _variance(key: tuple[str, str, str, float], courses: Sequence[FloatArray]) -> float:
+    return noisier(np.concatenate(courses), key[3]) if key[1] == "noise" else 1.0
+
+
+def _against_theory(
+    key: tuple[str, str, str, float],
+    kind: str,
+    own: Sequence[float],
+    courses: Sequence[FloatArray],
+    spreads: Sequence[FloatArray],
+    outputs: int,
+) -> Compared:
+    """Noise by its variance, over the whole watch; all else by its course, as far as that is kept."""
+    if key[1] != "noise":
+        return compare(own, [shift_delays(c, outputs) for c in courses], COURSE * STEP / DAY)
+    variance = _variance(key, courses)
+    if kind == "dispersion":
+        theory = [dispersion_delays(variance, s[0], s[1], WINDOW) for s in spreads]
+    else:
+        theory = [noise_delays(variance, round(WATCHED * DAY / STEP), outputs)] * len(own)
+    return compare(own, theory, WATCHED)
 
 
 def plot(table: Sequence[Row], path: Path) -> None:
@@ -209,8 +214,8 @@ def plot(table: Sequence[Row], path: Path) -> None:
     for at, (component, name) in zip(axes, names, strict=False):
         own = [r for r in table if (r.component, r.name) == (component, name)]
         x = [100 * r.size for r in own]
-        at.plot(x, [r.theory for r in own], color="#555", lw=1.2, label="theory, own chart")
-        at.plot(x, [r.own for r in own], "o", ms=4, color="#1d6b4f", label="measured, own chart")
+        at.plot(x, [r.own.theory for r in own], color="#555", lw=1.2, label="theory, own chart")
+        at.plot(x, [r.own.measured for r in own], "o", ms=4, color="#1d6b4f", label="measured, own chart")
         at.plot(x, [r.score_delay for r in own], "-", lw=0.8, color="#1f77b4", label="first score chart, fitted")
         at.plot(x, [r.innovation_delay for r in own], "--", lw=0.8, color="#d2691e", label="innovation charts, fitted")
         hidden = [100 * r.size for r in own if r.hidden]
