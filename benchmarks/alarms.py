@@ -1,9 +1,10 @@
 """Do charts keep their promise? Solver against the oracle, realised false alarms, the two-state room, and peers.
 
-    python -m benchmarks.alarms [--quick] [--json]
+    python -m benchmarks.alarms [--quick] [--json] [--years FILE ...]
 
-Each section returns its figures and what the context should say; a new one (whole-engine figures) is one more function
-in ``SECTIONS``.
+Each section returns its figures and what the context should say; a new one is one more function in ``SECTIONS``. Of
+fault-free operation the engine's own section is a sample; ``--years`` adds up the plant-years that
+``python -m benchmarks.fault_free_years --to FILE`` has watched.
 """
 
 from __future__ import annotations
@@ -13,10 +14,12 @@ import os
 # Small systems of equations: more than one thread only spins, and costs a busy machine a factor of ten.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import argparse
 import csv
+import json
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +27,9 @@ import numpy as np
 from rich.console import Console
 from scipy.special import ndtri
 
-from benchmarks import detection, detection_tables, peers, room, whole_engine
-from benchmarks.common import arguments, context, figure, report
+from benchmarks import fault_free_years, peers, room, whole_engine
+from benchmarks.common import context, figure, report
+from benchmarks.detection_figures import detected
 from fdd.records import FloatArray
 from fdd.residual_monitors.budget import poisson_interval
 from fdd.residual_monitors.chart import Chart, Feed, Phase
@@ -149,7 +153,7 @@ def _update_time(streams: int) -> float:
 
 def two_state_room(quick: bool, console: Console) -> tuple[Figures, dict[str, Any]]:
     """Score charts against innovation charts, every detector at the same chance of a false alarm."""
-    runs, healthy, fits = (20, 40, 12) if quick else (100, 300, 100)
+    runs, healthy, fits = (20, 40, 8) if quick else (100, 300, 100)
     figures: Figures = {}
     cases = [room.simulate(healthy, SEED), *(room.simulate(runs, SEED + 1, change) for change in room.FAULTS.values())]
     every, rows = room.together(cases)
@@ -209,40 +213,6 @@ def against_peers(quick: bool, console: Console) -> tuple[Figures, dict[str, Any
     return peers.figures_of(table, years), {"peers": about}
 
 
-def detected(quick: bool, console: Console) -> tuple[Figures, dict[str, Any]]:
-    """Score charts against innovation charts on the simulated house, every parameter fault; delays against theory."""
-    seeds = (2,) if quick else (2, 3, 4, 5, 6, 7)
-    houses = detection.parameter_faults((0.3,) if quick else detection.SIZES)
-    if quick:
-        houses = [tuple(f for f in house if f.component == "radiator-south") for house in houses[:2]]
-    runs = [run for seed in seeds for run in detection.watch(houses, seed)]
-    kinds = [] if quick else [run for seed in seeds for run in detection.watch(detection.plant_faults(), seed)]
-    table, faults = detection_tables.rows(runs), detection_tables.kind_rows(kinds)
-    figures: Figures = {}
-    for row in table:
-        key = f"detection_{_key(row.component)}_{_key(row.name)}_minus_{100 * row.size:.0f}"
-        figures[f"{key}_found"] = _figure(100 * row.score_found, "%", 0, row.hidden)
-        figures[f"{key}_found"] |= {"target": "no chart can see it" if row.hidden else "compare", "holds": None}
-        figures[f"{key}_delay"] = figure(row.score_delay, "d", "median", None)
-        figures[f"{key}_found_by_innovations"] = figure(100 * row.innovation_found, "%", "compare", None)
-        figures[f"{key}_named"] = figure(None if row.named is None else 100 * row.named, "%", "compare", None)
-        figures[f"{key}_delay_over_theory"] = figure(row.ratio, "", "1/1.5 .. 1.5", _within(row.ratio))
-        console.log(row)
-    for fault in faults:
-        key = f"detection_{_key(fault.kind)}_{_key(fault.target)}_{fault.size:g}"
-        figures[f"{key}_found"] = figure(100 * fault.found, "%", "compare", None)
-        figures[f"{key}_delay"] = figure(fault.delay, "d", "median", None)
-        figures[f"{key}_delay_over_theory"] = figure(fault.ratio, "", "1/1.5 .. 1.5", _within(fault.ratio))
-        console.log(fault)
-    about = {"seeds": seeds, "houses": len(houses), "false_alarms_a_year_of_each_kind": detection.RATE}
-    return figures, {"detection": about}
-
-
-def _within(ratio: float) -> bool | None:
-    """None where fewer than half of the runs, or of theory's, end within the watch: there is nothing to compare."""
-    return bool(1 / 1.5 <= ratio <= 1.5) if np.isfinite(ratio) else None
-
-
 def engine_rates(quick: bool, console: Console) -> tuple[Figures, dict[str, Any]]:
     """Realised over promised false alarms of fault-free plants through the whole engine; alarms cleared at once."""
     plants, days = (1, 7.0) if quick else (6, 100.0)
@@ -295,6 +265,8 @@ def _plain(value: Any) -> Any:
     """JSON has no NaN and no infinity: null."""
     if isinstance(value, dict):
         return {k: _plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v) for v in value]
     if isinstance(value, (float, np.floating)):
         return float(value) if np.isfinite(value) else None
     return bool(value) if isinstance(value, np.bool_) else value
@@ -303,12 +275,27 @@ def _plain(value: Any) -> Any:
 SECTIONS: tuple[Section, ...] = (solver, rates, two_state_room, detected, against_peers, engine_rates)
 
 
+def watched_years(paths: Sequence[Path]) -> tuple[Figures, dict[str, Any]]:
+    """Plant-years of fault-free operation that were watched before, added up."""
+    records = [json.loads(line) for path in paths for line in path.read_text().splitlines()]
+    figures = {f"years_{name}": found for name, found in fault_free_years.figures_of(records).items()}
+    return figures, {"years": {"seeds": [r["seed"] for r in records], "plants": [r["plants"] for r in records]}}
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="the same figures on a smaller sample, under 50 s")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--years", type=Path, nargs="+", help="files with plant-years of fault-free operation")
+    return parser.parse_args()
+
+
 def main() -> None:
-    given = arguments(__doc__ or "")
+    given = arguments()
     console = Console(stderr=True, quiet=given.json)
+    figures, about = watched_years(given.years) if given.years else ({}, {})
+    about |= {"seed": SEED, "quick": given.quick}
     warm_up()
-    figures: Figures = {}
-    about: dict[str, Any] = {"seed": SEED, "quick": given.quick}
     for section in SECTIONS:
         begun = time.perf_counter()
         found, more = section(given.quick, console)
