@@ -186,7 +186,7 @@ class Generator:
 
     def __init__(self, system: System, variant: Variant) -> None:
         self.s, self.variant = system, variant
-        self.n, self.K = len(system.x), 0
+        self.n = len(system.x)
         self.layout = Layout(self.n, len(system.u), len(system.y), len(system.p), len(system.varying), variant)
         self.K, self.nz, self.at = self.layout.K, self.layout.nz, self.layout.offsets
         self.constants = Constants(system.p)
@@ -216,10 +216,14 @@ class Generator:
 
     @property
     def freezes(self) -> bool:
-        """Whether covariance and gains of regular sampling settle: nothing in them depends on inputs or states."""
+        """Whether covariance and gains of regular sampling settle: nothing in them depends on inputs or states.
+
+        Only the loop over a record makes use of it.
+        """
         s = self.s
         fixed = all(e.level <= Level.PARAMETER for e in (*s.r, *(a for row in s.H for a in row)))
-        return self.variant.method == "exact" and not s.varying and fixed and not self.variant.robust
+        v = self.variant
+        return v.method == "exact" and not v.lanes and not v.robust and not s.varying and fixed
 
     # Names
     def pk(self, i: int, j: int) -> int:
@@ -297,7 +301,7 @@ class Generator:
                 out.append(s.graph.total([*terms, *([s.q[i]] if i == j else [])]))
         return out
 
-    def _substeps(self, scope: Scope, dt: str = "dt") -> list[str]:
+    def _substeps(self, scope: Scope) -> list[str]:
         """Number of substeps from a bound on the Jacobian's eigenvalues: the smaller of its row and column norms."""
         rows = [[scope(a) for a in row if a is not self.s.graph.zero] for row in self.s.A]
         columns = [[scope(a) for a in col if a is not self.s.graph.zero] for col in zip(*self.s.A, strict=True)]
@@ -307,7 +311,7 @@ class Generator:
                 if entries:
                     start += [f"t = {' + '.join(f'fabs({e})' for e in entries)}", "big = t if t > big else big"]
             start += ["small = big", "big = 0.0"] if sums is rows else ["small = big if big < small else small"]
-        return [*lines, *start, f"n = substeps(small * {dt})"]
+        return [*lines, *start, "n = substeps(small * dt)"]
 
     def _predict_rk4(self) -> list[str]:
         nz = self.nz

@@ -337,25 +337,22 @@ def _past_blind_noise(
 
 def observed_information(objective: Objective, theta: FloatArray) -> FloatArray:
     """Second derivatives of the objective from central differences of exact gradients, not finite at its edge."""
-    k = len(theta)
-    H = np.empty((k, k))
-    for i in range(k):
-        step = np.zeros(k)
-        step[i] = 1e-4 * max(1.0, abs(theta[i]) * 1e-2)
-        H[i] = (objective.gradient(theta + step) - objective.gradient(theta - step)) / (2 * step[i])
+    H = _differences(objective.gradient, theta)
     return np.asarray(0.5 * (H + H.T))
 
 
 def score_scatter(objective: Objective, theta: FloatArray) -> FloatArray:
     """Sum of the outer products of the scores of single measurements, from central differences of their losses."""
-    scores = []
-    for i in range(len(theta)):
-        step = np.zeros(len(theta))
-        step[i] = 1e-4 * max(1.0, abs(theta[i]) * 1e-2)
-        ends = [objective.likelihood.losses(objective.natural(theta + sign * step)) for sign in (1, -1)]
-        scores.append((ends[0] - ends[1]) / (2 * step[i]))
-    made = np.array(scores)
-    return np.asarray(made @ made.T)
+    scores = _differences(lambda at: objective.likelihood.losses(objective.natural(at)), theta)
+    return np.asarray(scores @ scores.T)
+
+
+def _differences(f: Callable[[FloatArray], FloatArray], theta: FloatArray) -> FloatArray:
+    """Central differences of a function with m values, (k, m); (0, 0) where no parameter is free."""
+    rows = []
+    for step in np.diag(1e-4 * np.maximum(1.0, np.abs(theta) * 1e-2)):
+        rows.append((f(theta + step) - f(theta - step)) / (2 * step.sum()))
+    return np.array(rows) if rows else np.empty((0, 0))
 
 
 def _result(objective: Objective, best: Optimum, trials: list[Trial], errors: Errors, start: FloatArray) -> FitResult:

@@ -229,10 +229,6 @@ class Likelihood:
         # What follows from the model alone needs no look at parameters.
         self._chosen = self._fixed_substeps or method is not None or "rk4" not in self._methods
 
-    def kernels(self, tangents: bool) -> list[Kernel]:
-        """The kernel of each record."""
-        return [self.kernel(i, tangents) for i in range(len(self.records))]
-
     def kernel(self, i: int, tangents: bool) -> Kernel:
         """The kernel of one record."""
         hold = self.records[i].hold
@@ -256,7 +252,7 @@ class Likelihood:
         costs less. They stay as they are between calls, so that the likelihood is one smooth function during a search.
         Where a likelihood exists with those that stand and with no others, they stand.
         """
-        if self._fixed_substeps:
+        if self._fixed_substeps or all(method == "exact" for method in self._methods):
             return False
         before = [(method, n.copy()) for method, n in zip(self._methods, self._nsub, strict=True)]
         self._chosen = True

@@ -366,7 +366,7 @@ class Writer:
                 if not self.ended:
                     self.emit(f"br label %{after}")
                     self.ended = True
-        if len(ends) == 2 and all(ends) and not any(f"label %{after}" in line for line in self.lines[-400:]):
+        if len(ends) == 2 and all(ends):
             return
         self.lines.append(f"{after}:")
         self.ended = False

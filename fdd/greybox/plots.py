@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy import stats
 
-from fdd.greybox.validate import Validation
+from fdd.greybox.validate import GROUPS, Validation, signals
 
 if TYPE_CHECKING:
     from fdd.greybox.inference import Profile
@@ -30,9 +30,9 @@ def diagnostics(v: Validation) -> Figure:
     Below them the residuals against every input and predicted output.
     """
     outputs = v.result._model().outputs
-    signals = _signals(v)
-    across = 4 if len(signals) <= 4 else 6  # plots in a row
-    more = math.ceil(len(signals) / across)
+    held_against = signals(v.result, v.data, v.path)
+    across = 4 if len(held_against) <= 4 else 6  # plots in a row
+    more = math.ceil(len(held_against) / across)
     heights = [1.4, 1.4, *[1.1] * more] * len(outputs)
     figure = Figure(figsize=(16, 1.9 * sum(heights)), layout="constrained")
     grid = figure.add_gridspec(len(heights), 12, height_ratios=heights)
@@ -41,28 +41,20 @@ def diagnostics(v: Validation) -> Figure:
         top = j * (2 + more)
         main = [figure.add_subplot(grid[top + i // 3, wide * (i % 3) : wide * (i % 3 + 1)]) for i in range(6)]
         _output(main, v, j, q.symbol, q.unit)
-        for i, (name, signal) in enumerate(signals):
+        for i, (name, unit, signal) in enumerate(held_against):
             left = narrow * (i % across)
             a = figure.add_subplot(grid[top + 2 + i // across, left : left + narrow])
-            _against(a, v.path.standardised[1:, j], name, signal)
+            _against(a, v.path.standardised[1:, j], f"{name} [{unit}]", signal)
             a.set_ylabel("residual" if i % across == 0 else "", fontsize=8)
     return figure
 
 
-def _signals(v: Validation) -> list[tuple[str, FloatArray]]:
-    """What residuals are held against: inputs since the sample before, and predicted outputs."""
-    model = v.result._model()
-    inputs = [(f"{q.symbol} [{q.unit}]", v.data.u[:-1, i]) for i, q in enumerate(model.inputs)]
-    outputs = [(f"{q.symbol} predicted [{q.unit}]", v.path.predicted[1:, i]) for i, q in enumerate(model.outputs)]
-    return inputs + outputs
-
-
 def _against(a: Axes, z: FloatArray, name: str, signal: FloatArray) -> None:
-    """Residuals over a signal, with the means of ten groups of equal size that the test compares."""
+    """Residuals over a signal, with the means of the groups that the test compares."""
     ok = np.isfinite(z) & np.isfinite(signal)
     order = np.argsort(signal[ok], kind="stable")
     a.plot(signal[ok], z[ok], ".", ms=1.5, color="0.6")
-    groups = [(signal[ok][g].mean(), z[ok][g].mean()) for g in np.array_split(order, 10) if len(g)]
+    groups = [(signal[ok][g].mean(), z[ok][g].mean()) for g in np.array_split(order, GROUPS) if len(g)]
     a.plot(*zip(*groups, strict=True), "o-", ms=3, lw=0.8, color="C1")
     a.axhline(0.0, color="C3", lw=0.7, ls="--")
     a.set_ylim(-4, 4)

@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 
 def simulate(result: FitResult, data: Data | None = None) -> FloatArray:
     """Outputs (N, n_y) from the start value and the inputs alone: nothing measured after the first sample is used."""
-    d = data if data is not None else result._likelihood().records[0]
+    d = data if data is not None else result.records[0]
     y = d.y.copy()
     y[1:] = np.nan
     free = dataclasses.replace(d, y=y)
@@ -32,7 +32,7 @@ def predict(result: FitResult, k: int, data: Data | None = None) -> FloatArray:
 
     The first k rows are NaN.
     """
-    d = data if data is not None else result._likelihood().records[0]
+    d = data if data is not None else result.records[0]
     if not 1 <= k < len(d):
         raise ValueError(f"cannot predict {k} samples ahead in a record of {len(d)}; give 1 <= k < {len(d)}")
     likelihood = result._likelihood(d)
@@ -63,7 +63,7 @@ def smooth(result: FitResult, data: Data | None = None) -> tuple[FloatArray, Flo
     Rauch, Tung and Striebel (1965) on the filter's moments; the transition matrix of each step is that of the tangent
     of the prediction, found by central differences of the kernel itself.
     """
-    d = data if data is not None else result._likelihood().records[0]
+    d = data if data is not None else result.records[0]
     likelihood = result._likelihood(d)
     path = likelihood.paths(result.values)[0]
     kern = likelihood.kernel(0, tangents=False)

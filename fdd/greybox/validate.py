@@ -20,6 +20,8 @@ from fdd.greybox.results import FitResult
 from fdd.greybox.simulate import simulate
 
 FloatArray = NDArray[np.float64]
+GROUPS = 10
+"""Groups of equal size whose means are compared where a curve is looked for in the residuals."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +95,7 @@ def validate(
     alpha : level of each test
     lags : of the autocorrelation; by default 10 log10 N, at most N / 5
     """
-    record = data if data is not None else result._likelihood().records[0]
+    record = data if data is not None else result.records[0]
     path = result.paths(record)[0]
     model = result._model()
     lags = lags or int(min(10 * math.log10(len(record)), len(record) // 5))
@@ -200,24 +202,30 @@ def _ldf_limit(n: int, lags: int, alpha: float, bins: int = 12) -> float:
     return math.sqrt(max(r2, 0.0))
 
 
+def signals(result: FitResult, d: Data, path: FilterPath) -> list[tuple[str, str, FloatArray]]:
+    """What residuals are held against, name, unit and values: inputs since the sample before, and predicted outputs."""
+    model = result._model()
+    inputs = [(q.symbol, q.unit, d.u[:-1, i]) for i, q in enumerate(model.inputs)]
+    outputs = [(f"{q.symbol} predicted", q.unit, path.predicted[1:, i]) for i, q in enumerate(model.outputs)]
+    return inputs + outputs
+
+
 def _against_signals(result: FitResult, d: Data, path: FilterPath, j: int, alpha: float) -> list[Verdict]:
     """Residuals against every input and predicted output: correlation, and any curve (F test of group means)."""
     model, out = result._model(), []
     symbol = model.symbols["outputs"][j]
     z = path.standardised[1:, j]
-    signals = [(s, d.u[:-1, i]) for i, s in enumerate(model.symbols["inputs"])]
-    signals += [(f"{s} predicted", path.predicted[1:, i]) for i, s in enumerate(model.symbols["outputs"])]
-    count = len(signals)
-    for name, signal in signals:
+    held_against = signals(result, d, path)
+    for name, _, signal in held_against:
         ok = np.isfinite(z) & np.isfinite(signal)
         if np.ptp(signal[ok]) == 0:
             continue
         r = float(np.corrcoef(signal[ok], z[ok])[0, 1])
         p_line = float(2 * stats.norm.sf(abs(r) * math.sqrt(int(ok.sum()))))
-        groups = [g for g in np.array_split(z[ok][np.argsort(signal[ok], kind="stable")], 10) if len(g) > 1]
+        groups = [g for g in np.array_split(z[ok][np.argsort(signal[ok], kind="stable")], GROUPS) if len(g) > 1]
         p_curve = float(stats.f_oneway(*groups).pvalue) if len(groups) > 1 else 1.0
         p = min(1.0, 2 * min(p_line, p_curve))
-        limit = alpha / count
+        limit = alpha / len(held_against)
         remark = (
             "no relation" if p > limit else ("a line" if p_line <= p_curve else "a curve") + " is left in the residuals"
         )

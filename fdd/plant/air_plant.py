@@ -116,9 +116,9 @@ def air_plant() -> Network:
     return plant
 
 
-def air_outside(time: IntArray, rng: np.random.Generator, climate: Climate | None = None) -> Mapping[str, FloatArray]:
+def air_outside(time: IntArray, rng: np.random.Generator) -> Mapping[str, FloatArray]:
     """Weather, return air and the fan's schedule, each (n,), at event times [ns]."""
-    w = weather(time, rng, climate or Climate(mean=14.0, daily=6.0, anomaly=4.0))
+    w = weather(time, rng, Climate(mean=14.0, daily=6.0, anomaly=4.0))
     hours = time / NANOSECONDS / 3600.0
     weekday = (np.floor(time / NANOSECONDS / DAY) + 3.0) % 7.0 < 5.0
     running = weekday & (hours % 24.0 >= 6.0) & (hours % 24.0 < 20.0)
