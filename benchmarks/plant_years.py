@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.drifting_room import DAY, POINTS, START, STEP, Course, plan, simulate
 from fdd.config.schema import Reidentify
 from fdd.diagnosis.gates import Outcome, Policy
-from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, Quality
+from fdd.records import NANOSECONDS, Alarm, Baseline, Batch
 from fdd.service.alarms import PLANT, alarm_to_document, kind_of
 from fdd.service.candidate import Candidate, consider
 from fdd.service.engine import Engine
@@ -134,14 +134,7 @@ def _batch(rooms: Sequence[Room], start: int, end: int) -> Batch:
     parts = [_days(r.history, start, end) for r in rooms]
     values = np.concatenate([p.values for p in parts], axis=1)
     names = tuple(f"{r.name}.{p}" for r in rooms for p in r.history.columns)
-    n, p = values.shape
-    return Batch(
-        names,
-        np.tile(np.arange(p, dtype=np.int32), n),
-        np.repeat(parts[0].time, p),
-        values.ravel(),
-        np.full(n * p, Quality.GOOD, dtype=np.uint8),
-    )
+    return Batch.of_table(names, parts[0].time, values)
 
 
 def judged(room: Room) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from fdd.plant.district import TRUTH
 from fdd.plant.faults import PlantFault
 from fdd.plant.scenario import Scenario, pieces
 from fdd.plant.site import demo_site
-from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, FloatArray, IntArray, Quality
+from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, FloatArray, IntArray
 from fdd.residual_monitors.budget import YEAR
 from fdd.service.alarms import Command
 from fdd.service.engine import Engine
@@ -199,15 +199,8 @@ def batches(fleet: Fleet, start: int) -> Iterator[Batch]:
     """The fleet's samples from frame ``start`` on."""
     names = tuple(f"{plant}/{p}" for plant in range(fleet.plants) for p in fleet.plan.points)
     for first in range(start, len(fleet.time), ROWS):
-        time = fleet.time[first : first + ROWS]
-        values = fleet.values[first : first + ROWS].reshape(-1)
-        yield Batch(
-            names=names,
-            point=np.tile(np.arange(len(names), dtype=np.int32), len(time)),
-            time=np.repeat(time, len(names)),
-            value=values,
-            quality=np.full(values.size, Quality.GOOD, dtype=np.uint8),
-        )
+        values = fleet.values[first : first + ROWS].reshape(-1, len(names))
+        yield Batch.of_table(names, fleet.time[first : first + ROWS], values)
 
 
 def watching(fleet: Fleet, engine: Engine, *, clear: bool = True) -> Iterator[tuple[int, list[Alarm]]]:

@@ -79,6 +79,20 @@ class Batch:
             position=dict(position or {}),
         )
 
+    @classmethod
+    def of_table(
+        cls, names: Sequence[str], time: IntArray, values: FloatArray, position: JsonObject | None = None
+    ) -> Batch:
+        """Good samples of every point at every time, row by row: ``time`` (n,), ``values`` (n, len(names))."""
+        return cls(
+            names=tuple(names),
+            point=np.tile(np.arange(len(names), dtype=np.int32), len(time)),
+            time=np.repeat(time, len(names)),
+            value=values.ravel(),
+            quality=np.full(values.size, Quality.GOOD, dtype=np.uint8),
+            position=dict(position or {}),
+        )
+
     def slice(self, start: int, stop: int) -> Batch:
         """The samples ``start:stop``; the position stays that of the whole batch."""
         return replace(

@@ -13,7 +13,7 @@ from fdd.plant.district import district_plant
 from fdd.plant.faults import DAY, PlantFault, effects
 from fdd.plant.network import PlantError
 from fdd.plant.scenario import Piece, Scenario, pieces, points
-from fdd.records import Batch, JsonObject, Quality
+from fdd.records import Batch, JsonObject
 
 if TYPE_CHECKING:
     from ingest.source import Context
@@ -93,15 +93,7 @@ class PlantSource:
                     return
 
     def _batch(self, names: tuple[str, ...], piece: Piece, rows: slice) -> Batch:
-        values = piece.values[rows]
-        return Batch(
-            names=names,
-            point=np.tile(np.arange(len(names), dtype=np.int32), len(values)),
-            time=np.repeat(piece.time[rows], len(names)),
-            value=values.ravel(),
-            quality=np.full(values.size, Quality.GOOD, dtype=np.uint8),
-            position=self.position(),
-        )
+        return Batch.of_table(names, piece.time[rows], piece.values[rows], self.position())
 
     def position(self) -> JsonObject:
         """Number of the next sampling time."""

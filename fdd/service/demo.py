@@ -23,7 +23,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from fdd.plant.faults import DAY, PlantFault, Shape
 from fdd.plant.scenario import Scenario, pieces, points
 from fdd.plant.site import demo_site
-from fdd.records import NANOSECONDS, AlarmState, Batch, JsonObject, Quality
+from fdd.records import NANOSECONDS, AlarmState, Batch, JsonObject
 from fdd.report.content import Report, gather
 from fdd.report.plots import plots
 from fdd.report.render import write_gathered
@@ -196,14 +196,7 @@ def _simulated(scenario: Scenario, progress: Progress | None) -> Iterator[Batch]
     for piece in pieces(scenario):
         for start in range(0, len(piece.time), ROWS_PER_MESSAGE):
             rows = slice(start, start + ROWS_PER_MESSAGE)
-            time, values = piece.time[rows], piece.values[rows]
-            yield Batch(
-                names=names,
-                point=np.tile(np.arange(len(names), dtype=np.int32), len(time)),
-                time=np.repeat(time, len(names)),
-                value=values.ravel(),
-                quality=np.full(values.size, Quality.GOOD, dtype=np.uint8),
-            )
+            yield Batch.of_table(names, piece.time[rows], piece.values[rows])
         if progress and task is not None:
             progress.update(task, completed=piece.first + len(piece.time))
 

@@ -130,14 +130,7 @@ class Table:
     def _wide(self, frame: pd.DataFrame, time: IntArray, keep: NDArray[np.bool_]) -> Batch:
         columns = self.value_columns
         value = np.column_stack([self.numbers(frame[c]) for c in columns]) if columns else np.empty((len(frame), 0))
-        rows = int(keep.sum())
-        return Batch(
-            names=tuple(self.header[c] for c in columns),
-            point=np.tile(np.arange(len(columns), dtype=np.int32), rows),
-            time=np.repeat(time[keep], len(columns)),
-            value=np.ascontiguousarray(value[keep]).ravel(),
-            quality=np.zeros(rows * len(columns), dtype=np.uint8),
-        )
+        return Batch.of_table([self.header[c] for c in columns], time[keep], value[keep])
 
     def _long(
         self, frame: pd.DataFrame, time: IntArray, keep: NDArray[np.bool_], series: NDArray[np.object_] | None

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.drifting_room import POINTS, START, Course, simulate
-from fdd.records import Batch, Quality
+from fdd.records import Batch
 from fdd.service.history import History
 from fdd.service.opened import open_site
 from fdd.service.status import read_status
@@ -31,14 +31,7 @@ source: {{kind: zenoh, key: 'room/**', connect: ['tcp/127.0.0.1:{port}']}}
 
 
 def message(part: History) -> Batch:
-    n, p = part.values.shape
-    return Batch(
-        POINTS,
-        np.tile(np.arange(p, dtype=np.int32), n),
-        np.repeat(part.time, p),
-        part.values.ravel(),
-        np.full(n * p, Quality.GOOD, dtype=np.uint8),
-    )
+    return Batch.of_table(POINTS, part.time, part.values)
 
 
 def test_jobs_change_the_baseline_under_way_write_reports_and_fail_without_harm(tmp_path: Path) -> None:
