@@ -10,20 +10,15 @@ watching differ.
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-import fdd.diagnosis
 from benchmarks.common import arguments, context, figure, report
-from benchmarks.diagnosis import _row, _spread
-from benchmarks.diagnosis_runs import Case as Measured
 from benchmarks.diagnosis_runs import batches
+from benchmarks.signatures import Signature, signature, write
 from fdd.diagnosis.departure import Departure
 from fdd.plant.air_plant import AIR_POINTS, AIR_STEP, AIR_TRUTH, air_handler_model, air_outside, air_plant
 from fdd.plant.faults import DAY, PlantFault
@@ -70,7 +65,7 @@ CASES = (
     Case("healthy"),
 )
 
-FILE = Path(fdd.diagnosis.__file__).with_name("signatures-air_handler.yaml")
+FILE = "signatures-air_handler.yaml"
 TRAINING, LEARNED = (1, 2, 3), 900
 # Cause, kind of hypothesis, unit, and the faults it is measured with: other sizes than those that are judged.
 SIGNATURES: dict[str, tuple[str, str, tuple[PlantFault, ...]]] = {
@@ -159,30 +154,19 @@ def watch(case: Case, seed: int, baseline: Baseline, days: float = DAYS) -> Foun
     return Found(seen, after[0] if after else None, delay, len(own) - len(after))
 
 
-def measure() -> list[dict[str, Any]]:
+def measure() -> list[Signature]:
     """The signature of every cause, with its scatter over seeds and ways in which it comes."""
     baseline, entries = learned(LEARNED), []
     for name, (kind, unit, faults) in SIGNATURES.items():
-        size, rows = abs(faults[0].severity), []
-        for fault in faults:
-            for seed in TRAINING:
-                seen = watch(Case(name, fault), seed, baseline).departure
-                rows.append(_row(Measured("ahu", name, fault.severity, unit), seen, size))
-        parts = {part: _spread([r[part] for r in rows], part) for part in ("shift", "mean", "jump")}
-        signed = kind == "component"
-        entries.append(
-            {"name": name, "where": "", "kind": kind, "size": size, "unit": unit, "signed": signed, "runs": len(rows)}
-            | parts
-        )
+        runs = [(f.severity, watch(Case(name, f), seed, baseline).departure) for f in faults for seed in TRAINING]
+        entries.append(signature(name, "", kind, unit, runs, signed=kind == "component"))
     return entries
 
 
 def main() -> None:
     """Measure the signatures, or every case on a few seeds."""
     if "--write" in sys.argv:
-        found = {"made_by": "python -m benchmarks.air_plant --write", "models": {"air_handler": measure()}}
-        FILE.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-        print(f"written: {FILE.name}")
+        write(FILE, "air_plant", {"air_handler": measure()})
         return
     options = arguments(__doc__ or "")
     seeds = (11,) if options.quick else (11, 12, 13)

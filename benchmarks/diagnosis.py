@@ -9,33 +9,25 @@ fitted to another life of the house, at two thirds of the faults' size. Single z
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-import fdd.diagnosis
 from benchmarks.common import arguments, context, figure, report
 from benchmarks.diagnosis_runs import Case, Seen, cases, smaller, watch, where
+from benchmarks.signatures import Signature, numbered, signature, write
 from fdd.diagnosis.departure import Departure
 from fdd.diagnosis.ranking import diagnose
 from fdd.plant.district import EQUIPMENT, models
-from fdd.records import FloatArray
 from fdd.service.alarms import PLANT, kind_of
 
-FILE = Path(fdd.diagnosis.__file__).with_name("signatures.yaml")
+FILE = "signatures.yaml"
 TRAINING, FITTED = (1, 2), 900
 JUDGED, OTHER_FITTED = (11, 12), 901
 SHARE = 2 / 3
-RIDGE = 0.5
-"""A parameter is not taken to have moved by more than about this where the data do not say [estimation scale]."""
-CALM = 5.0
-"""Largest innovations below this are no jumps."""
 
 
 def role(case: Case, component: str) -> tuple[str, str, str] | None:
@@ -53,53 +45,22 @@ def role(case: Case, component: str) -> tuple[str, str, str] | None:
     return "sensor", room if room in names else case.name, symbol
 
 
-def measure(runs: Sequence[tuple[Case, Seen]]) -> dict[str, list[dict[str, Any]]]:
+def measure(runs: Sequence[tuple[Case, Seen]]) -> dict[str, list[Signature]]:
     """Signatures by model from the evidence of many runs."""
     gathered: dict[tuple[str, str, str, str], list[tuple[Case, Departure]]] = {}
     for case, seen in runs:
         for component, departure in seen.departures.items():
             found = role(case, component)
             if found is not None:
-                kind, name, symbol = (_numbered(part) for part in found)
+                kind, name, symbol = (numbered(part) for part in found)
                 model = EQUIPMENT[component][0]
                 gathered.setdefault((model, kind, name, symbol), []).append((case, departure))
-    tables: dict[str, list[dict[str, Any]]] = {}
+    tables: dict[str, list[Signature]] = {}
     for (model, kind, name, symbol), group in sorted(gathered.items()):
-        size = max(abs(c.size) for c, _ in group)
-        rows = [_row(c, d, size) for c, d in group]
-        entry = {"name": name, "where": symbol, "kind": kind, "size": size, "unit": group[0][0].unit,
-                 "signed": kind == "component", "runs": len(rows)}  # fmt: skip
-        parts = {part: _spread([r[part] for r in rows], part) for part in ("shift", "mean", "jump")}
-        tables.setdefault(model, []).append(entry | parts)
+        runs_of_it = [(c.size, d) for c, d in group]
+        entry = signature(name, symbol, kind, group[0][0].unit, runs_of_it, signed=kind == "component")
+        tables.setdefault(model, []).append(entry)
     return tables
-
-
-def _numbered(text: str) -> str:
-    """Rooms by number: another house names them otherwise."""
-    return text.replace("south", "#0").replace("north", "#1")
-
-
-def _row(case: Case, d: Departure, size: float) -> dict[str, dict[str, float]]:
-    unit = size / case.size
-    precision = d.information + np.eye(len(d.symbols)) / RIDGE**2
-    shift = np.asarray(np.linalg.solve(precision, d.score) * unit, dtype=np.float64)
-    jump = np.where(np.abs(d.jump) > CALM, d.jump, 0.0) * unit
-
-    def named(symbols: tuple[str, ...], values: FloatArray) -> dict[str, float]:
-        return {_numbered(s): float(v) for s, v in zip(symbols, values, strict=True)}
-
-    return {"shift": named(d.symbols, shift), "mean": named(d.outputs, d.mean * unit), "jump": named(d.outputs, jump)}
-
-
-def _spread(rows: list[dict[str, float]], part: str) -> dict[str, list[float]]:
-    """Mean and scatter of each element; a fault may also come slowly, without a jump."""
-    found = {}
-    for symbol in rows[0]:
-        values = np.array([r.get(symbol, 0.0) for r in rows])
-        mean, sd = float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else abs(float(values[0]))
-        sd = max(sd, abs(mean)) if part == "jump" else sd
-        found[symbol] = [float(f"{mean:.3g}"), float(f"{sd:.3g}")]
-    return found
 
 
 def _job(task: tuple[int, int, int, float]) -> Seen:
@@ -140,9 +101,7 @@ def named(runs: Sequence[tuple[Case, Seen]]) -> dict[str, tuple[int, int, int, i
 def main() -> None:
     """Measure the signatures, or judge them."""
     if "--write" in sys.argv:
-        found = {"made_by": "python -m benchmarks.diagnosis --write", "models": measure(watched(TRAINING, FITTED, 1.0))}
-        FILE.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-        print(f"written: {FILE.name}")
+        write(FILE, "diagnosis", measure(watched(TRAINING, FITTED, 1.0)))
         return
     options = arguments(__doc__ or "")
     seeds = JUDGED[:1] if options.quick else JUDGED

@@ -11,22 +11,19 @@ size, by the causes that the engine's alarm names after its last daily review.
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.progress import track
 from scipy.linalg import expm
 
-import fdd.diagnosis
+from benchmarks import drifting_room
 from benchmarks.common import arguments, context, figure, report
-from benchmarks.diagnosis import _row, _spread
 from benchmarks.diagnosis_runs import batches
+from benchmarks.signatures import Signature, signature, write
 from fdd.diagnosis.departure import Departure
 from fdd.models.zone import zone
 from fdd.records import NANOSECONDS, Alarm, Baseline, FloatArray
@@ -36,11 +33,11 @@ from fdd.service.history import History
 from fdd.service.identify import identify
 from fdd.service.plan import Component, Plan
 
-FILE = Path(fdd.diagnosis.__file__).with_name("signatures-zone.yaml")
+FILE = "signatures-zone.yaml"
 STEP, DAY = 300, 86400
 LEARNING, DAYS, ONSET = 14, 7, 2.5  # days: fitted, watched, and the fault's onset in the watched ones
 START = 1_730_419_200 * NANOSECONDS
-POINTS = ("outside", "sun", "heat", "T")
+POINTS = drifting_room.POINTS
 NODES = ("Ti", "TiTe", "TiTeTh")
 SHARE = 2 / 3
 
@@ -163,18 +160,8 @@ def _size(case: Case | None, name: str) -> float:
 
 def plan(nodes: str) -> Plan:
     """One zone under one filter."""
-    return Plan(
-        site="zone",
-        step=STEP * NANOSECONDS,
-        lateness=0,
-        max_gap=4 * 3600 * NANOSECONDS,
-        max_jump=7 * DAY * NANOSECONDS,
-        hold=0,
-        false_alarms_per_year=2.0,
-        points=POINTS,
-        derived=(),
-        components=(Component("zone", zone(nodes), POINTS[:3], POINTS[3:]),),  # type: ignore[arg-type]
-    )
+    watched = Component("zone", zone(nodes), POINTS[:3], POINTS[3:])  # type: ignore[arg-type]
+    return replace(drifting_room.plan(2.0), site="zone", step=STEP * NANOSECONDS, components=(watched,))
 
 
 @cache
@@ -196,21 +183,19 @@ def watch(house: House, nodes: str, seed: int, case: Case) -> tuple[Departure, A
     return engine.departure("zone", onset, int(history.time[-1])), alarm
 
 
-def measure() -> dict[str, Any]:
+def measure() -> list[Signature]:
     """Signatures of every fault for every form of the model."""
     entries = []
     kinds = list(dict.fromkeys((c.name, c.where, c.kind, c.unit) for c in CASES))
     for nodes in NODES:
         for name, where, kind, unit in kinds:
             group = [c for c in CASES if (c.name, c.where) == (name, where)]
-            size = max(c.size for c in group)
             tasks = [(h, s, c) for h, s in TRAINING for c in group]
-            runs = [(c, watch(h, nodes, s, c)[0]) for h, s, c in track(tasks, f"{nodes}: {name}", transient=True)]
-            rows = [_row(c, d, size) for c, d in runs]  # type: ignore[arg-type]
-            entry = {"name": name, "where": where, "kind": kind, "options": {"nodes": nodes}, "size": size}
-            entry |= {"unit": unit, "signed": kind == "component" or unit == "frozen", "runs": len(rows)}
-            entries.append(entry | {part: _spread([r[part] for r in rows], part) for part in ("shift", "mean", "jump")})
-    return {"made_by": "python -m benchmarks.diagnosis_room --write", "models": {"zone": entries}}
+            runs = [(c.size, watch(h, nodes, s, c)[0]) for h, s, c in track(tasks, f"{nodes}: {name}", transient=True)]
+            options = {"nodes": nodes}
+            signed = kind == "component" or unit == "frozen"
+            entries.append(signature(name, where, kind, unit, runs, signed=signed, options=options))
+    return entries
 
 
 def judged(nodes: Sequence[str]) -> list[tuple[str, Case, Alarm | None]]:
@@ -235,8 +220,7 @@ def is_named(case: Case, alarm: Alarm) -> bool:
 def main() -> None:
     """Measure the signatures, or judge them."""
     if "--write" in sys.argv:
-        FILE.write_text(json.dumps(measure(), indent=1) + "\n", encoding="utf-8")
-        print(f"written: {FILE.name}")
+        write(FILE, "diagnosis_room", {"zone": measure()})
         return
     options = arguments(__doc__ or "")
     runs = judged(NODES[1:2] if options.quick else NODES)

@@ -17,10 +17,9 @@ import numpy as np
 
 from fdd.config import load_site
 from fdd.diagnosis.departure import Departure
-from fdd.plant.district import POINTS, district_plant, outside
-from fdd.plant.faults import PlantFault, effects
-from fdd.plant.scenario import WARM_UP, Scenario, points
-from fdd.plant.simulate import Change, SensorFault, Simulator
+from fdd.plant.district import POINTS, district_plant
+from fdd.plant.faults import PlantFault
+from fdd.plant.scenario import Factor, Scenario, pieces, points
 from fdd.plant.site import demo_site
 from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, FloatArray
 from fdd.service.engine import Engine
@@ -83,27 +82,11 @@ def house(seed: int, case: Case | None, days: float = DAYS) -> tuple[Scenario, F
     """Measured points of the house, (n, n_points)."""
     faults = () if case is None or case.fault is None else (case.fault,)
     scenario = Scenario(days=days, seed=seed, faults=faults)
-    plant, warm = district_plant(), round(WARM_UP * DAY / scenario.step)
-    time = scenario.first + np.arange(-warm, scenario.samples, dtype=np.int64) * round(scenario.step * NANOSECONDS)
-    seconds = (time - scenario.first) / NANOSECONDS
-    changes, sensors = effects(plant, scenario.faults, seconds)
+    factors: dict[str, Factor] = {}
     if case is not None and case.change:
-        owner, _, symbol = case.change.rpartition(".")
-        value = plant.components[owner].parameters[symbol]
-        changes = [
-            *changes,
-            Change(case.change, np.asarray(value * (1 + case.size * (seconds >= ONSET * DAY)), dtype=np.float64)),
-        ]
-    return scenario, _run(seed, plant, scenario, time, changes, sensors)[warm:]
-
-
-def _run(
-    seed: int, plant: Any, scenario: Scenario, time: Any, changes: list[Change], sensors: list[SensorFault]
-) -> FloatArray:
-    weather_seed, plant_seed = np.random.SeedSequence(seed).generate_state(2)
-    signals = outside(time, np.random.default_rng(weather_seed))
-    simulator = Simulator(plant, scenario.step, int(plant_seed))
-    return np.concatenate([b.measured for b in simulator.run(signals, changes, sensors)])
+        size = case.size
+        factors[case.change] = lambda seconds: 1 + size * (seconds >= ONSET * DAY)
+    return scenario, np.concatenate([p.values for p in pieces(scenario, factors=factors)])
 
 
 @cache
@@ -141,19 +124,7 @@ def watch(seed: int, case: Case | None, baselines: int) -> Seen:
 
 def batches(time: Any, values: FloatArray, names: Sequence[str]) -> list[Batch]:
     """Samples of half a day each."""
-    found = []
-    for start in range(0, len(time), 144):
-        t, v = time[start : start + 144], values[start : start + 144]
-        found.append(
-            Batch(
-                names=tuple(names),
-                point=np.tile(np.arange(len(names), dtype=np.int32), len(t)),
-                time=np.repeat(t, len(names)),
-                value=v.ravel(),
-                quality=np.zeros(v.size, dtype=np.uint8),
-            )
-        )
-    return found
+    return [Batch.of_table(names, time[i : i + 144], values[i : i + 144]) for i in range(0, len(time), 144)]
 
 
 def where(component: str, point: str) -> str:

@@ -12,11 +12,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
 
 from fdd.plant.district import district_plant, outside
 from fdd.plant.faults import PlantFault, effects
 from fdd.plant.network import Network, PlantError
-from fdd.plant.simulate import Simulator
+from fdd.plant.simulate import Change, Simulator
 from fdd.records import NANOSECONDS, FloatArray, IntArray
 
 WARM_UP = 3  # days before the start that are simulated and thrown away
@@ -73,6 +74,10 @@ class Plant:
 HOUSE = Plant(district_plant, outside)
 
 
+Factor = Callable[[FloatArray], ArrayLike]
+"""What a parameter is multiplied by, by time since the first sample [s], which is negative while warming up."""
+
+
 @dataclass(frozen=True, slots=True)
 class Piece:
     """Consecutive samples: number of the first, event times (n,) [ns], measured points (n, n_points)."""
@@ -88,9 +93,14 @@ def points(plant: Network | None = None) -> list[str]:
 
 
 def pieces(
-    scenario: Scenario, progress: Callable[[int, int], None] | None = None, plant: Plant = HOUSE
+    scenario: Scenario,
+    progress: Callable[[int, int], None] | None = None,
+    plant: Plant = HOUSE,
+    factors: Mapping[str, Factor] | None = None,
 ) -> Iterator[Piece]:
     """Simulate in pieces of a week, SI units; the demonstration house, or another plant.
+
+    ``factors`` : on parameters (``owner.symbol``) that no fault of the scenario changes
 
     Raises
     ------
@@ -103,6 +113,10 @@ def pieces(
     weather_seed, plant_seed = np.random.SeedSequence(scenario.seed).generate_state(2)
     seconds = (time - scenario.first) / NANOSECONDS
     changes, sensors = effects(network, scenario.faults, seconds)
+    for target, factor in (factors or {}).items():
+        owner, _, symbol = target.rpartition(".")
+        value = network.components[owner].parameters[symbol]
+        changes.append(Change(target, value * np.asarray(factor(seconds), dtype=np.float64)))
     simulator = Simulator(network, scenario.step, int(plant_seed))
     signals = plant.outside(time, np.random.default_rng(weather_seed))
     for block in simulator.run(signals, changes, sensors, progress=progress):
