@@ -6,6 +6,7 @@ import numpy as np
 
 from fdd.chiller_eiv.cost import ExtraCost
 from fdd.chiller_eiv.online import ChillerOutputs
+from fdd.diagnosis.cost import no_price, unpriced
 from fdd.records import JsonObject
 
 MEANINGS = {
@@ -81,21 +82,15 @@ def chiller_finding(outputs: ChillerOutputs, currency: str) -> JsonObject | None
 def _cost(cost: ExtraCost, currency: str) -> JsonObject:
     """The alarm's ``cost_per_day``, in the form of :func:`fdd.diagnosis.cost.daily_cost`."""
     half = 1.96 * cost.energy_day_se
-    told: JsonObject = {
-        "value": None,
-        "lower": None,
-        "upper": None,
+    told = unpriced(currency) | {
         "kWh_per_day": cost.energy_day,
         "kWh_per_day_half_width": half,
-        "degree_hours_per_day": None,
-        "currency": currency or "EUR",
         "kind": "energy",
         "basis": f"{cost.energy_day:.0f} kWh a day more than the healthy machine at the same load and temperatures "
         f"(give or take {half:.0f})",
-        "why": "",
     }
     if not np.isfinite(cost.money_day) or not cost.energy_day:
-        return told | {"why": "no price is known: give tariffs: electricity (per kWh) in the site file"}
+        return told | {"why": no_price("electricity")}
     price = cost.money_day / cost.energy_day
     return told | {
         "value": cost.money_day,

@@ -17,7 +17,6 @@ import numpy as np
 from fdd.diagnosis.departure import Departure, Operation
 from fdd.models.declare import ComponentModel, Parameter
 from fdd.records import FloatArray, JsonObject
-from fdd.residual_monitors.information import change
 
 CP = 4186.0  # water [J/(kg K)]
 HOURS = 24.0
@@ -77,7 +76,7 @@ def daily_cost(
     ``value``, ``lower``, ``upper`` [currency a day] or None, ``currency``, ``kWh_per_day``, ``degree_hours_per_day``,
     ``kind`` (energy, comfort, none), ``basis`` (the assumption) and ``why`` (where there is no value) in words
     """
-    nothing = _told(tariffs)
+    nothing = unpriced(tariffs.get("currency"))
     if causes and causes[0].get("kind") in ("sensor", "upstream"):
         why = "a wrong reading costs nothing by itself; what is controlled or billed by it is off by as much"
         return nothing | {"why": why}
@@ -111,15 +110,21 @@ def with_cost(severity: str, cost: JsonObject, tariffs: Tariffs) -> str:
     return GRADES[min(max(grade, 0), len(GRADES) - 1)]
 
 
-def _told(tariffs: Tariffs) -> JsonObject:
+def unpriced(currency: object) -> JsonObject:
+    """A ``cost_per_day`` of which nothing is known yet."""
     empty = dict.fromkeys(("value", "lower", "upper", "kWh_per_day", "degree_hours_per_day"))
-    return {**empty, "currency": str(tariffs.get("currency") or "EUR"), "kind": "none", "basis": "", "why": ""}
+    return {**empty, "currency": str(currency or "EUR"), "kind": "none", "basis": "", "why": ""}
+
+
+def no_price(carrier: str) -> str:
+    """Why a cost has no value although the energy is known."""
+    return f"no price is known: give tariffs: {carrier} (per kWh) in the site file"
 
 
 def _case(model: ComponentModel, d: Departure, operation: Operation) -> Case | None:
     if not len(operation):
         return None
-    found = change(d.score, d.information, d.baseline, d.spread)
+    found = d.changes()
     apart = np.isfinite(found.joint_error)
     size = np.where(apart, found.joint, found.single)
     error = np.where(apart, found.joint_error, found.single_error)
@@ -136,7 +141,7 @@ def _case(model: ComponentModel, d: Departure, operation: Operation) -> Case | N
 
 def _priced(loss: Loss, tariffs: Tariffs) -> JsonObject:
     best, *ends = loss.energy
-    told = _told(tariffs) | {
+    told = unpriced(tariffs.get("currency")) | {
         "kWh_per_day": best,
         "kind": "comfort" if loss.comfort else "energy",
         "degree_hours_per_day": loss.degree_hours,
@@ -146,7 +151,7 @@ def _priced(loss: Loss, tariffs: Tariffs) -> JsonObject:
     if loss.comfort:
         return told | {"why": "no energy is lost; it is missing where it is wanted"}
     if not isinstance(price, int | float):
-        return told | {"why": f"no price is known: give tariffs: {loss.carrier} (per kWh) in the site file"}
+        return told | {"why": no_price(loss.carrier)}
     return told | {"value": best * price, "lower": min(ends) * price, "upper": max(ends) * price}
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdd.records import FloatArray, JsonObject
-from fdd.residual_monitors.information import change
+from fdd.residual_monitors.information import Change, change
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +43,13 @@ class Departure:
         """Mean standardised innovation of each output; 0 where nothing was seen."""
         return np.asarray(self.innovation / np.maximum(self.count, 1.0))
 
+    def changes(self) -> Change:
+        """How far each parameter has moved, alone or together with the others, on the estimation scale."""
+        return change(self.score, self.information, self.baseline, self.spread)
+
     def document(self) -> JsonObject:
         """For the alarm's evidence: every parameter that can be told apart, and every output."""
-        found = change(self.score, self.information, self.baseline, self.spread)
+        found = self.changes()
         told = np.isfinite(found.joint_error)
         return {
             "parameters": {

@@ -20,18 +20,18 @@ def of_model(alarm: Alarm) -> Alarm:
     """The words of an alarm of the model's health."""
     charts = list(alarm.evidence["charts"].values())
     by_test = {test: [c["symbol"] for c in charts if c["test"] == test] for test in TESTS}
-    why = "; ".join(f"{TESTS[t]} ({', '.join(dict.fromkeys(s))})" for t, s in by_test.items() if s)
+    said = [f"{TESTS[t]} ({', '.join(dict.fromkeys(s))})" for t, s in by_test.items() if s]
     cause: JsonObject = {
         "name": "model",
         "meaning": "the model no longer describes this component",
         "likelihood": 1.0,
-        "for": [f"{TESTS[t]} ({', '.join(dict.fromkeys(s))})" for t, s in by_test.items() if s],
+        "for": said,
         "against": ["no chart of the plant has rung"],
         "checks": [],
     }
     return replace(
         alarm,
-        summary=f"{alarm.component}: the model no longer describes this component ({why}); re-identify it",
+        summary=f"{alarm.component}: the model no longer describes this component ({'; '.join(said)}); re-identify it",
         severity="low",
         causes=(cause,),
         checks=(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from fdd.records import Alarm, AlarmState, Baseline
@@ -94,7 +94,7 @@ class Report:
     def status(self) -> str:
         """The state of the plant in one line."""
         n = len(self.findings)
-        blind = len({u.name for u in self.unmonitored if u.what == "everything"})
+        blind = len(_blind(self.unmonitored))
         if self.end is None:
             return "Nothing has been monitored yet"
         seen = len(self.site.components) - blind
@@ -110,7 +110,7 @@ class Report:
     @property
     def notes(self) -> tuple[str, ...]:
         """What else page one says of the plant: what was not monitored, and models that no longer hold."""
-        blind, stale = len({u.name for u in self.unmonitored if u.what == "everything"}), len(self.standing_models)
+        blind, stale = len(_blind(self.unmonitored)), len(self.standing_models)
         notes = [f"{blind} could not be monitored"] if blind else []
         return (*notes, *([f"{stale} model{'s need' if stale > 1 else ' needs'} attention"] if stale else []))
 
@@ -121,7 +121,6 @@ class Report:
 
     def only(self, f: Finding) -> Report:
         """One finding of the report, with what to do about it."""
-        chillers = tuple(c for c in self.chillers if c.component == f.component)
         return replace(
             self,
             actions=_actions((f,), ()),
@@ -134,13 +133,18 @@ class Report:
             baselines=(),
             budget=None,
             counts=(),
-            chillers=chillers,
+            chillers=(),
         )
 
     @property
     def well(self) -> bool:
         """Whether there is no finding and everything was monitored."""
-        return self.end is not None and not self.findings and not any(u.what == "everything" for u in self.unmonitored)
+        return self.end is not None and not self.findings and not _blind(self.unmonitored)
+
+
+def _blind(gaps: Iterable[Unmonitored]) -> set[str]:
+    """Components of which nothing could be monitored."""
+    return {u.name for u in gaps if u.what == "everything"}
 
 
 def gather(
@@ -216,9 +220,7 @@ def _assemble(
             chillers.append(chiller_section(store, site, reference, evidence, told, start, end))
     findings = tuple(pages[a.key] for a in standing)
     blind = [gap for w in watches for gap in unmonitored(w, in_force.get(w.component), site, start, end)]
-    troubled = {a.component for a in (*standing, *suppressed, *stale)} | {
-        u.name for u in blind if u.what == "everything"
-    }
+    troubled = {a.component for a in (*standing, *suppressed, *stale)} | _blind(blind)
     return Report(
         site=site,
         start=start,

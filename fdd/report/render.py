@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from fdd import __version__
@@ -53,18 +54,11 @@ def write_gathered(report: Report, path: Path, *, pdf: Path | None = None) -> Pa
 def render_html(report: Report, *, single: bool = False) -> str:
     """The report as one self-contained HTML document; ``single`` leaves out all but its findings."""
     site = report.site
-    environment = Environment(
-        loader=PackageLoader("fdd.report", "."), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    environment.filters["percent"] = percent
-    environment.filters["likely"] = likely
-    environment.filters["capfirst"] = lambda text: text[:1].upper() + text[1:]
-    assert environment.loader is not None
-    css = environment.loader.get_source(environment, "style.css")[0]
-    return environment.get_template("template.html.j2").render(
+    template, css = _template()
+    return template.render(
         report=report,
         single=single,
-        css=Markup(css),
+        css=css,
         version=__version__,
         period=_period(report),
         watched=_watched(report),
@@ -78,6 +72,18 @@ def render_html(report: Report, *, single: bool = False) -> str:
         when=lambda t: local(t, site.tz),
         number=_number,
     )
+
+
+@cache
+def _template() -> tuple[Template, Markup]:
+    """The report's template and style sheet: read once, however many pages are written."""
+    loader = PackageLoader("fdd.report", ".")
+    environment = Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    environment.filters["percent"] = percent
+    environment.filters["likely"] = likely
+    environment.filters["capfirst"] = lambda text: text[:1].upper() + text[1:]
+    css = loader.get_source(environment, "style.css")[0]
+    return environment.get_template("template.html.j2"), Markup(css)
 
 
 def page_of(key: str) -> str:
