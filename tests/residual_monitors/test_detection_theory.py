@@ -46,7 +46,7 @@ def test_theory_of_a_lasting_shift_of_innovations_is_the_solvers_median() -> Non
 
 
 def test_theory_of_grown_noise_is_the_solvers_for_a_smaller_limit() -> None:
-    """Values of standard deviation s in a CUSUM with k and h are unit ones with k / s and h / s; a median of 400, 20 %."""
+    """A CUSUM with k and h of values with standard deviation s is one of unit values with k / s and h / s."""
     exact = run_length_quantile(Rule("cusum", k=K / 2), sample_limit() / 2, 0.5, 0.0, "steady")
     assert median(noise_delays(4.0, 6000, CHARTS)) * DAY / STEP == pytest.approx(exact, rel=0.2)
 
