@@ -29,8 +29,10 @@ from fdd.records import NANOSECONDS, Baseline, FloatArray, IntArray
 from fdd.residual_monitors.budget import YEAR
 from fdd.residual_monitors.chart import Phase, Verdicts
 from fdd.service.chart_family import Family
+from fdd.service.explain import explained_by
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.health_charts import KINDS, HealthCharts, window_of
+from fdd.service.history import History
 from fdd.service.innovation_charts import InnovationCharts
 from fdd.service.plan import Component, Plan
 from fdd.service.score_charts import ScoreCharts
@@ -74,12 +76,13 @@ class Fault:
 class Watched:
     """What the charts of one component made of one run on one baseline; times in frames after the onset, NaN: never.
 
-    ``early``: kinds of charts that rang before the onset. ``streams`` has the delay of every chart. ``named`` is the
-    parameter whose change alone explains most, two days after the first score chart rang. ``z`` (blocks, n_p) are the
-    standardised block scores after the onset, ``information`` (blocks, n_p) their informations, ``innovation`` the
-    sums, squares and counts of standardised innovations after the onset, (3, n_y). ``course`` (frames, n_y) has these
-    innovations themselves for the first week after the onset. ``spread`` (2, n_y) is what a window's dispersion must
-    pass: the least and the most that the chart takes for healthy.
+    ``early``: kinds of charts that rang before the onset. ``streams`` has the delay of every chart. ``span`` (frames of
+    the run) reaches from the onset that the first score chart estimated until two days after it rang; ``named`` is the
+    parameter that explains these frames best where each is refitted alone, ``scored`` the one that does so by the sums
+    of scores. ``z`` (blocks, n_p) are the standardised block scores after the onset, ``information`` (blocks, n_p)
+    their informations, ``innovation`` the sums, squares and counts of standardised innovations after the onset,
+    (3, n_y). ``course`` (frames, n_y) has these innovations themselves for the first week after the onset. ``spread``
+    (2, n_y) is what a window's dispersion must pass: the least and the most that the chart takes for healthy.
     """
 
     fault: Fault
@@ -89,6 +92,8 @@ class Watched:
     streams: dict[str, float]
     early: set[str] = field(default_factory=set)
     named: str = ""
+    scored: str = ""
+    span: tuple[int, int] = (0, 0)
     z: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     information: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
     innovation: FloatArray = field(default_factory=lambda: np.empty((3, 0)))
@@ -222,7 +227,19 @@ def _lived(
     whole = replace(plan, points=points, derived=(), components=tuple(c for m in members.values() for c in m))
     for model in members.values():
         _watch(whole, model, own, index, time, values.reshape(len(time), -1))
+    for name, run in index.items():
+        if run.span[1]:
+            history = History(plan.columns, time, plan.derive(values[:, int(name.split("/")[1])]))
+            run.named = _refitted(plan, kinds[run.fault.component], history, run.span, own[name])
     return runs
+
+
+def _refitted(plan: Plan, component: Component, history: History, span: tuple[int, int], baseline: Baseline) -> str:
+    """As ``fdd explain`` does it: the parameter that, refitted alone, explains these frames best."""
+    first, last = span
+    part = History(history.columns, history.time[first:last], history.values[first:last])
+    found = explained_by(plan, component, part, baseline)
+    return found[0].symbol if found else ""
 
 
 def _watch(
@@ -275,12 +292,13 @@ class _Record:
         self._innovation = np.zeros((3, n, len(group.model.outputs)))
         self._course: list[FloatArray] = []
         self._naming: dict[int, list[tuple[int, int]]] = {}
-        self._onset = round(ONSET * FRAMES_A_DAY)
+        self._onset, self._last = round(ONSET * FRAMES_A_DAY), 0
 
     def take(self, frame: int, step: GroupStep, *verdicts: Verdicts) -> None:
         """One frame, and what the families say of it: scores, innovations, health."""
         for (_, first), said in zip(self._families, verdicts, strict=True):
             first[np.isnan(first) & (said.phase == Phase.ALARM)] = frame
+        self._last = frame
         self._name(frame, verdicts[0])
         if frame < self._onset:
             return
@@ -304,17 +322,19 @@ class _Record:
             age = said.onset_age.reshape(first.shape)[i][first[i] == frame].max()
             self._naming.setdefault(frame + NAMED_AFTER, []).append((i, int(age)))
         for i, age in self._naming.pop(frame, []):
-            self._named(i, age + NAMED_AFTER)
+            self._named(i, age + NAMED_AFTER, frame)
 
-    def _named(self, i: int, updates: int) -> None:
+    def _named(self, i: int, updates: int, frame: int) -> None:
         found = self._score._chart.estimate(i, updates)
-        self._runs[i].named = self._symbols[int(np.argmax(found.gain))]
+        run = self._runs[i]
+        run.scored = self._symbols[int(np.argmax(found.gain))]
+        run.span = (max(0, frame + 1 - updates), frame + 1)
 
     def finish(self) -> None:
         """The runs are over."""
-        for left in self._naming.values():
+        for due, left in self._naming.items():
             for i, age in left:
-                self._named(i, age + NAMED_AFTER)
+                self._named(i, age + NAMED_AFTER - (due - self._last), self._last)
         for family, first in self._families:
             for i, stream in enumerate(family.streams):
                 run, symbol = self._index[stream.component], stream.name.rpartition("/")[2]

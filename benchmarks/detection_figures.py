@@ -24,11 +24,13 @@ from benchmarks import detection, detection_tables
 from benchmarks.common import figure
 from benchmarks.detection import Watched
 from benchmarks.detection_tables import KindRow, Row
+from benchmarks.detection_theory import Compared
 
 Figures = dict[str, dict[str, Any]]
 SEEDS, LIVES = (2, 3, 4, 5, 6, 7), (0, 1, 2, 3)
 """Baselines are fitted once a seed; each of its lives has a weather and a noise of its own."""
 BOUND = 1.5
+NAMED = ("named", "scored")
 
 
 def detected(quick: bool, console: Console) -> tuple[Figures, dict[str, Any]]:
@@ -44,7 +46,7 @@ def detected(quick: bool, console: Console) -> tuple[Figures, dict[str, Any]]:
     for fault in faults:
         figures.update(_kind(fault))
         console.log(fault)
-    figures.update(_counted([r.own.ratio for r in (*table, *faults)]))
+    figures.update(_counted([*(r.own.ratio for r in table), *(f.own.ratio for f in faults)]))
     about = {
         "seeds": seeds,
         "lives": lives,
@@ -79,7 +81,8 @@ def _parameter(row: Row) -> Figures:
         f"{key}_delay": figure(row.score_delay, "d", "median", None),
         f"{key}_found_by_innovations": figure(100 * row.innovation_found, "%", "compare", None),
         f"{key}_delay_of_innovations": figure(row.innovation_delay, "d", "median", None),
-        f"{key}_named": figure(None if row.named is None else 100 * row.named, "%", "compare", None),
+        f"{key}_named": figure(_percent(row.named), "%", "compare", None),
+        f"{key}_named_by_scores": figure(_percent(row.scored), "%", "compare", None),
         f"{key}_delay_over_theory": _over_theory(row.own),
     }
 
@@ -93,7 +96,7 @@ def _kind(row: KindRow) -> Figures:
     }
 
 
-def _over_theory(own: detection_tables.Compared) -> dict[str, Any]:
+def _over_theory(own: Compared) -> dict[str, Any]:
     """None where neither finds half within the watch: there is nothing to compare."""
     holds = _within(own.ratio) if np.isfinite(own.ratio) else None
     about = {"interval": [own.low, own.high], "medians": [own.measured, own.theory], "runs": own.runs}
@@ -113,6 +116,10 @@ def _counted(ratios: Sequence[float]) -> Figures:
     }
 
 
+def _percent(share: float | None) -> float | None:
+    return None if share is None else 100 * share
+
+
 def _key(name: str) -> str:
     return "_".join("".join(c if c.isalnum() else " " for c in name).lower().split())
 
@@ -121,14 +128,14 @@ def parameter_table(rows: Sequence[Row]) -> list[str]:
     """Markdown, a line a row."""
     head = (
         "| component | parameter | lower by | score charts: found, median delay | innovation charts "
-        "| rightly named 2 d later | own chart: median | theory | run lengths, measured over theory |"
+        "| rightly named 2 d later (by scores) | own chart: median | theory | run lengths, measured over theory |"
     )
     lines = [head, "|---" * 9 + "|"]
     for r in rows:
         score = f"{100 * r.score_found:.0f}%, {_time(r.score_delay)}"
         if r.hidden:
             score = f"**no chart can see it** ({r.errors:.1f} standard errors)"
-        named = "" if r.named is None or r.hidden else f"{100 * r.named:.0f}%"
+        named = "" if r.named is None or r.hidden else f"{_percent(r.named):.0f}% ({_percent(r.scored):.0f}%)"
         plain = f"{100 * r.innovation_found:.0f}%, {_time(r.innovation_delay)}"
         own = f"{_time(r.own.measured)} | {_time(r.own.theory)} | {_ratio(r.own)}"
         lines.append(f"| {r.component} | `{r.name}` | {100 * r.size:.0f}% | {score} | {plain} | {named} | {own} |")
@@ -159,14 +166,14 @@ def _time(days: float) -> str:
     return f"{days * 24:.0f} h" if days < 2 else f"{days:.1f} d"
 
 
-def _ratio(own: detection_tables.Compared) -> str:
+def _ratio(own: Compared) -> str:
     return f"{own.ratio:.2f} ({own.low:.2f} - {own.high:.2f})" if np.isfinite(own.ratio) else ""
 
 
 def _restored(row: dict[str, Any]) -> dict[str, Any]:
     """JSON's null was an infinite delay, or nothing to compare; both read as "-"."""
-    own = detection_tables.Compared(**_floats(row["own"]))
-    return _floats({k: v for k, v in row.items() if k not in ("own", "hidden", "named")}) | {"own": own}
+    own = Compared(**_floats(row["own"]))
+    return _floats({k: v for k, v in row.items() if k not in ("own", "hidden", *NAMED)}) | {"own": own}
 
 
 def _floats(row: dict[str, Any]) -> dict[str, Any]:
@@ -179,7 +186,7 @@ def main() -> None:
     parser.add_argument("--plot", type=Path, help="picture to draw, .png or .svg")
     given = parser.parse_args()
     about = json.loads(given.run.read_text())["context"]["detection"]
-    rows = [Row(**_restored(r), named=r["named"]) for r in about["parameters"]]
+    rows = [Row(**_restored(r), **{k: r[k] for k in NAMED}) for r in about["parameters"]]
     faults = [KindRow(**_restored(f)) for f in about["faults"]]
     print("\n".join([*parameter_table(rows), "", *kind_table(faults)]))
     if given.plot:

@@ -35,8 +35,9 @@ WATCHED = DAYS - ONSET
 class Row:
     """One fault at one size: of the runs without an earlier false alarm, found by each kind of chart, and named.
 
-    Delays are medians [days], inf where fewer than half were found. ``errors``: the change in standard errors over the
-    whole watch. ``own``: the faulty parameter's own chart on known parameters against theory.
+    ``named``: share of those found in which the parameter, refitted alone, explains most; ``scored``: by the sums of
+    scores. Delays are medians [days], inf where fewer than half were found. ``errors``: the change in standard errors
+    over the whole watch. ``own``: the faulty parameter's own chart on known parameters against theory.
     """
 
     component: str
@@ -48,6 +49,7 @@ class Row:
     innovation_found: float
     innovation_delay: float
     named: float | None
+    scored: float | None
     errors: float
     own: Compared
 
@@ -85,6 +87,7 @@ def _row(key: tuple[str, str, float], runs: list[Watched]) -> Row:
         innovation_found=_found(plain),
         innovation_delay=median(plain),
         named=float(np.mean([r.named == key[1] for r in rang])) if rang else None,
+        scored=float(np.mean([r.scored == key[1] for r in rang])) if rang else None,
         errors=abs(change) * float(np.sqrt(np.mean([i.sum() for i in information]))),
         own=compare(own, theory, WATCHED),
     )

@@ -1,14 +1,28 @@
-"""``fdd explain``: the evidence behind one alarm, in words."""
+"""``fdd explain``: the evidence behind one alarm, in words, and what its data say when they are looked at again."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from fdd.records import JsonObject
+import numpy as np
+
+from fdd.diagnosis.alone import Alone, alone
+from fdd.greybox.likelihood import Likelihood
+from fdd.records import Baseline, JsonObject
 from fdd.report.words import likely
+from fdd.service.alarms import PLANT, kind_in
+from fdd.service.baselines import in_force
 from fdd.service.errors import UsageError
+from fdd.service.history import History, runs, stored_history
 from fdd.service.opened import Opened, open_site
 from fdd.service.operate import stored_alarms
+from fdd.service.plan import Component, Plan
+from fdd.service.window import record
+
+SHOWN = 3
+"""Parameters told of, the one that explains most first."""
+SURE = 9.0
+"""A gain of less than three standard errors squared is not worth a word."""
 
 
 def explain(site_file: Path, key: str) -> JsonObject:
@@ -24,6 +38,38 @@ def explain(site_file: Path, key: str) -> JsonObject:
     return alarms[key]
 
 
+def explained_by(plan: Plan, component: Component, history: History, baseline: Baseline) -> list[Alone]:
+    """What each parameter, refitted alone to these frames, explains of them, the best first; empty without data.
+
+    The sums of scores that an alarm was raised on are linear in the change; where it is large they can take one
+    parameter for another. Parameters that the baseline left open are left out: they have no value to depart from.
+    """
+    records = [record(r) for r in runs(plan, component, history)]
+    if not records:
+        return []
+    values = np.array([baseline.parameters[p.symbol] for p in component.model.parameters])
+    left = {*baseline.diagnostics.get("unidentifiable", ()), *baseline.diagnostics.get("at_bound", ())}
+    return alone(component.model, Likelihood(component.model, records), values, left)
+
+
+def looked_at_again(opened: Opened, alarm: JsonObject) -> list[Alone]:
+    """The same for an alarm of the plant, over what the store has of its time; empty where nothing can be said."""
+    components = {c.name: c for c in opened.plan.components}
+    if alarm["component"] not in components or kind_in(alarm["evidence"]) != PLANT:
+        return []
+    component = components[alarm["component"]]
+    store = opened.store(read_only=True)
+    try:
+        baseline = in_force(store, [component.name]).get(component.name)
+        history = stored_history(opened.plan, store, int(alarm["since"]), int(alarm["updated"]) + 1)
+    finally:
+        store.close()
+    # A baseline that was fitted to the fault itself knows no departure.
+    if baseline is None or baseline.end > int(alarm["since"]):
+        return []
+    return explained_by(opened.plan, component, history, baseline)
+
+
 def story(site_file: Path, alarm: JsonObject) -> str:
     """The alarm for people: what rang, what may be wrong and why, what to check, what happened since."""
     opened = open_site(site_file)
@@ -34,6 +80,7 @@ def story(site_file: Path, alarm: JsonObject) -> str:
         lines.append(f"  {_share(cause)}  {cause['meaning']}")
         lines += [f"        for: {reason}" for reason in cause["for"]]
         lines += [f"        against: {reason}" for reason in cause["against"]]
+    lines += _again(looked_at_again(opened, alarm), {c.name: c for c in opened.plan.components}.get(alarm["component"]))
     lines += _cost(alarm["evidence"].get("cost_per_day"))
     lines += ["", "What to check, in this order:"]
     lines += [f"  {i}. {check}" for i, check in enumerate(alarm["checks"], 1)]
@@ -44,6 +91,21 @@ def story(site_file: Path, alarm: JsonObject) -> str:
 
 def _share(cause: JsonObject) -> str:
     return likely(float(cause["likelihood"])) if cause.get("likelihood") is not None else "not weighed"
+
+
+def _again(found: list[Alone], component: Component | None) -> list[str]:
+    """Which parameters, refitted alone, explain the alarm's data, and by how much."""
+    told = [a for a in found if a.gain > SURE][:SHOWN]
+    if not told or component is None:
+        return []
+    of = {p.symbol: p for p in component.model.parameters}
+    lines = ["", "Refitted alone to the data since then, explains most:"]
+    for a in told:
+        size = f"{100 * np.expm1(a.change):+.2g} %" if of[a.symbol].transform == "log" else f"{a.change:+.3g}"
+        lines.append(
+            f"  {a.symbol}  {of[a.symbol].meaning}: {size}, log-likelihood {a.gain / 2:.0f} above the baseline's"
+        )
+    return lines
 
 
 def _cost(cost: JsonObject | None) -> list[str]:
