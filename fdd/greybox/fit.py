@@ -226,7 +226,7 @@ def scale_unit(q: Parameter) -> float:
 def _search(
     objective: Objective, starts: int, seed: int, spread: float, progress: Progress | None
 ) -> tuple[Optimum, list[Trial]]:
-    bounds = np.array([scale_bounds(q) for q in objective.rows])
+    bounds = np.array([scale_bounds(q) for q in objective.rows]).reshape(-1, 2)
     unit = np.array([scale_unit(q) for q in objective.rows])
     first = np.clip(objective.theta(objective.base), bounds[:, 0], bounds[:, 1])
     random = np.random.default_rng(seed)
@@ -278,7 +278,7 @@ def _with_enough_noise(objective: Objective, theta: FloatArray, bounds: FloatArr
     Scaled together the noises leave a filter's gains as they are, so that this only makes the innovations' spread what
     the start foretells. Where that is far too little, the likelihood is steep and rough, or does not exist at all.
     """
-    noise = np.array([q.kind == "noise" for q in objective.rows])
+    noise = np.array([q.kind == "noise" for q in objective.rows], dtype=np.bool_)
     best, chosen = math.inf, theta
     for factor in range(9 if noise.any() else 1):  # up to e^8
         raised = np.clip(theta + factor * noise, bounds[:, 0], bounds[:, 1])
@@ -322,7 +322,7 @@ def _past_blind_noise(
     Its gradient has vanished there, so that the search cannot come back by itself: a local optimum in which one noise
     explains what another should. Raise what is blind to where the search began and lower the others.
     """
-    noise = np.array([q.kind == "noise" for q in objective.rows])
+    noise = np.array([q.kind == "noise" for q in objective.rows], dtype=np.bool_)
     blind = np.diag(found.information) * unit**2 < 0.05
     if not (noise & blind).any() or not (noise & ~blind).any():
         return None
@@ -358,7 +358,7 @@ def _differences(f: Callable[[FloatArray], FloatArray], theta: FloatArray) -> Fl
 def _result(objective: Objective, best: Optimum, trials: list[Trial], errors: Errors, start: FloatArray) -> FitResult:
     likelihood = objective.likelihood
     values = objective.natural(best.theta)
-    bounds = np.array([scale_bounds(q) for q in objective.rows])
+    bounds = np.array([scale_bounds(q) for q in objective.rows]).reshape(-1, 2)
     width = 1e-6 * np.maximum(1.0, bounds[:, 1] - bounds[:, 0])
     at_bound = (best.theta - bounds[:, 0] < width) | (bounds[:, 1] - best.theta < width)
     penalty = objective.penalty(values)[0]

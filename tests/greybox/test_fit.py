@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -78,6 +79,27 @@ def test_a_sharp_prior_holds_and_a_vague_one_does_not(record: Data, result: FitR
     assert vague.params["th"] == pytest.approx(result.params["th"], rel=1e-3)
 
 
+@pytest.mark.parametrize("huber", [np.inf, 2.5])
+def test_the_only_free_parameter_has_a_profile(record: Data, huber: float) -> None:
+    """Its points hold every parameter. The level's likelihood is a parabola but for outliers: Wald's interval."""
+    held = {s: v for s, v in zip(problems.ou1d().symbols["parameters"], TRUE, strict=True) if s != "mu"}
+    r = fit(problems.ou1d(), record, fixed=held, huber=huber)
+    low, high = profile(r, "mu").interval
+    error = 0.5 * (high - low) / 1.96
+    assert low < r.params["mu"] < high
+    assert error == pytest.approx(r.bse["mu"], rel=0.01 if np.isinf(huber) else 0.4)
+    everything = fit(problems.ou1d(), record, fixed=held | {"mu": 3.1}, huber=huber, errors="sandwich")
+    assert everything.free == ()
+    assert (
+        r.llf
+        > everything.llf
+        == pytest.approx(
+            -Likelihood(problems.ou1d(), record, huber=huber).value(np.array(list(everything.params.values()))),
+            rel=1e-12,
+        )
+    )
+
+
 @pytest.mark.parametrize("huber", [np.inf, 1.0, 2.5])
 def test_gradient_is_the_derivative_of_the_value(record: Data, huber: float) -> None:
     likelihood = Likelihood(problems.ou1d(), record, huber=huber)
@@ -140,7 +162,9 @@ def test_likelihood_ratio_and_its_refusals(record: Data, result: FitResult) -> N
     smaller = fit(problems.ou1d(), record, fixed={"mu": 3.0})
     test = likelihood_ratio(smaller, result)
     assert test.degrees == 1
-    assert test.p == pytest.approx(np.exp(-test.statistic / 2), abs=0.7)
+    z = (3.0 - result.params["mu"]) / result.bse["mu"]  # the likelihood of the level is nearly a parabola
+    assert test.statistic == pytest.approx(z**2, rel=0.1)
+    assert test.p == pytest.approx(math.erfc(math.sqrt(test.statistic / 2)), rel=1e-9)
     assert likelihood_ratio(fit(problems.ou1d(), record, fixed={"mu": 2.0}), result).p < 1e-6
     with pytest.raises(ValueError, match="free parameters"):
         likelihood_ratio(result, smaller)
