@@ -76,7 +76,7 @@ def batch(seed: int, plants: int, days: float, sets: Sequence[str], budget: floa
         "lost": whole_engine.LOST,
         "budget": budget,
         "promised": {
-            which: {k: v * budget * years for k, v in whole_engine.promises(fleet, table).items()}
+            which: {k: v * budget * years for k, v in whole_engine.promises(fleet, table, budget).items()}
             for which, table in tables.items()
         },
         "rang": {which: dict(count) for which, count in rang.items()},

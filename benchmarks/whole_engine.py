@@ -37,6 +37,8 @@ from fdd.service.identify import identify, innovation_statistics, score_diagnost
 from fdd.service.opened import open_site
 from fdd.service.plan import Component, Plan
 from fdd.service.still_charts import SHARE as STILL_SHARE
+from fdd.service.still_charts import charted as still_charted
+from fdd.service.still_charts import used as still_used
 
 LEARNING = 28.0  # days
 SAMPLES_A_DAY = 288
@@ -222,21 +224,24 @@ def watch(fleet: Fleet, engine: Engine, *, clear: bool = True) -> list[Alarm]:
     return [alarm for _, new in watching(fleet, engine, clear=clear) for alarm in new]
 
 
-def promises(fleet: Fleet, table: Sequence[dict[str, Baseline]]) -> dict[str, float]:
-    """Each kind of chart's share of a plant's budget, on average over the plants' baselines.
+def promises(fleet: Fleet, table: Sequence[dict[str, Baseline]], budget: float) -> dict[str, float]:
+    """Each kind of chart's share of a plant's budget [1/a], on average over the plants' baselines.
 
-    Components share evenly, and so do the charts of a component as far as each gives alarms of its own.
+    Components share evenly, and so do the charts of a component as far as each gives alarms of its own; what frozen
+    readings cannot use goes to the others.
     """
-    shares = {"still": STILL_SHARE, **dict.fromkeys(KINDS, HEALTH_SHARE / len(KINDS))}
-    plain = 1.0 - STILL_SHARE - HEALTH_SHARE
-    cusum = 0.0
+    n = len(fleet.plan.components)
+    shares = {"cusum": 0.0, "score": 0.0, "still": 0.0, **dict.fromkeys(KINDS, HEALTH_SHARE / len(KINDS))}
     for c in fleet.plan.components:
         physical = sum(p.kind == "physical" for p in c.model.parameters)
-        apart = np.array([own[c.name].diagnostics["score_together"] for own in table])
-        cusum += (
-            plain / len(fleet.plan.components) * float(np.mean(len(c.outputs) / (physical * apart + len(c.outputs))))
-        )
-    return {"cusum": cusum, "score": plain - cusum, **shares}
+        frames = YEAR * NANOSECONDS / fleet.plan.step * n / (STILL_SHARE * budget) * len(still_charted(c))
+        for own in (baselines[c.name] for baselines in table):
+            still = STILL_SHARE * still_used(c, own, frames)
+            plain = 1.0 - HEALTH_SHARE - still
+            cusum = plain * len(c.outputs) / (physical * own.diagnostics["score_together"] + len(c.outputs))
+            for kind, share in (("cusum", cusum), ("score", plain - cusum), ("still", still)):
+                shares[kind] += share / (n * len(table))
+    return shares
 
 
 def counts(
@@ -247,7 +252,9 @@ def counts(
     found = {}
     for which, table in sets.items():
         own = Counter(kind_of_chart(a) for a in alarms if a.component.startswith(f"{which}/"))
-        found[which] = Count(own, {k: v * budget[which] * years for k, v in promises(fleet, table).items()})
+        found[which] = Count(
+            own, {k: v * budget[which] * years for k, v in promises(fleet, table, budget[which]).items()}
+        )
     return found
 
 

@@ -69,6 +69,11 @@ class Stillness:
             low, high = (middle, high) if _log_survival(self.excess, self.exceed, middle) > wanted else (low, middle)
         return self.tail + high
 
+    def rate(self, limit: float) -> float:
+        """Runs that pass such a limit by chance, a reading; for limits from the tail on the inverse of by_chance."""
+        more = int(np.ceil(limit)) - self.tail
+        return self.exceed / self.readings * float(np.exp(_log_survival(self.excess, self.exceed, max(more, 0))))
+
 
 def _log_survival(excess: int, exceed: int, more: int) -> float:
     """Log of the chance that a run that has passed the tail goes on ``more`` times again, over the baseline's error."""

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.records import JsonObject
+from fdd.records import Baseline, JsonObject
 from fdd.residual_monitors.chart import Verdicts
 from fdd.service.alarms import PLANT
 from fdd.service.filters import FilterGroup, GroupStep
@@ -56,6 +56,10 @@ class Family(Protocol):
         """Continue where :meth:`export_state` stood."""
 
 
+def _all(component: Component, baseline: Baseline, arl: float) -> float:
+    return 1.0
+
+
 @dataclass(frozen=True, slots=True)
 class FamilyKind:
     """How a family comes into a site.
@@ -64,9 +68,11 @@ class FamilyKind:
     each gives alarms of its own; every chart takes an equal share of the
     component's budget; ``build(plan, groups, arl)`` makes the family, or several, with the mean number of frames
     between false alarms of each of a component's charts in ``arl``. A family with a ``share`` above zero has so much of
-    the plant's budget to itself; the others divide what is left.
+    the plant's budget to itself, of which its limits may need less: ``used(component, baseline, arl)`` says what part,
+    0 to 1, at this mean number of frames between false alarms of each of its charts. The others divide what is left.
     """
 
     carried: Callable[[FilterGroup, Component], float]
     build: Callable[[Plan, Sequence[FilterGroup], dict[str, float]], Sequence[Family]]
     share: float = 0.0
+    used: Callable[[Component, Baseline, float], float] = _all

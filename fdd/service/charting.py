@@ -1,12 +1,13 @@
 """All charts of a site: which families there are, and the limits that the budget gives them.
 
 Every component carries the families listed in :data:`FAMILIES`. The plant's budget of false alarms is spread over
-components by weight, and within a component evenly; families of another purpose have a share of their own.
+components by weight, and within a component evenly; families of another purpose have a share of their own, and the
+others get what their limits cannot use.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -43,7 +44,7 @@ class Charts:
 
     def __init__(self, plan: Plan, groups: Sequence[FilterGroup]) -> None:
         self._plan, self._groups = plan, tuple(groups)
-        self._allotted = [_budget(plan, groups, kind) for kind in FAMILIES]
+        self._allotted = _budgets(plan, groups)
         self._kinds = [kind.build(plan, groups, arl) for kind, arl in zip(FAMILIES, self._allotted, strict=True)]
         self._families: list[Family] = [f for families in self._kinds for f in families]
         self.streams = tuple(s for f in self._families for s in f.streams)
@@ -99,8 +100,7 @@ class Charts:
 
     def rebase(self, components: set[str]) -> None:
         """These components have new baselines; each family says what it starts again, and limits follow the budget."""
-        for i, (kind, families) in enumerate(zip(FAMILIES, self._kinds, strict=True)):
-            arl = _budget(self._plan, self._groups, kind)
+        for i, (arl, families) in enumerate(zip(_budgets(self._plan, self._groups), self._kinds, strict=True)):
             if arl != self._allotted[i]:
                 self._allotted[i] = arl
                 for family in families:
@@ -126,15 +126,31 @@ class Charts:
         self._standing = np.array(state["standing"], dtype=np.bool_)
 
 
-def _budget(plan: Plan, groups: Sequence[FilterGroup], kind: FamilyKind) -> dict[str, float]:
-    """Mean number of frames between false alarms for each of a component's charts of a family."""
-    together = [kind] if kind.share else [k for k in FAMILIES if not k.share]
-    share = kind.share or 1.0 - sum(k.share for k in FAMILIES)
-    components = [(c, _charts_of(g, c, together)) for g in groups for c in g.components]
+def _budgets(plan: Plan, groups: Sequence[FilterGroup]) -> list[dict[str, float]]:
+    """Mean number of frames between false alarms for each of a component's charts, by family.
+
+    What a family does not need of its own share goes to those of its component that have none: all together are
+    promised the whole budget.
+    """
+    members = [(c, b) for g in groups for c, b in zip(g.components, g.baselines, strict=True)]
+    own = {k: _budget(plan, groups, [k], {c.name: k.share for c, _ in members}) for k in FAMILIES if k.share}
+    left = {
+        c.name: 1.0 - sum(kind.share * kind.used(c, b, arl[c.name]) for kind, arl in own.items()) for c, b in members
+    }
+    others = _budget(plan, groups, [k for k in FAMILIES if not k.share], left)
+    return [own.get(kind, others) for kind in FAMILIES]
+
+
+def _budget(
+    plan: Plan, groups: Sequence[FilterGroup], kinds: Sequence[FamilyKind], share: Mapping[str, float]
+) -> dict[str, float]:
+    """The same for families that divide such shares of their components' budgets."""
+    components = [(c, _charts_of(g, c, kinds)) for g in groups for c in g.components]
     if not components:
         return {}
-    weights = [c.weight for c, _ in components]
-    each = spread(share * plan.false_alarms_per_year, weights, plan.step / NANOSECONDS)
+    weights = [c.weight * share[c.name] for c, _ in components]
+    total = sum(weights) / sum(c.weight for c, _ in components)
+    each = spread(total * plan.false_alarms_per_year, weights, plan.step / NANOSECONDS)
     return {c.name: float(frames * n) for (c, n), frames in zip(components, each, strict=True)}
 
 

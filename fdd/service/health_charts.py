@@ -2,8 +2,9 @@
 
 Every output's innovations are tested day by day for memory (autocorrelation), colour at any frequency (cumulated
 periodogram) and spread (dispersion). Hardly any model is white on its own baseline, and one that was accepted so must
-not ring for it: a limit is what a further day of the baseline passes with the chance that the budget gives it (by
-Student's predictive distribution), and never below that of white innovations.
+not ring for it: a limit is what a further day of the baseline passes with the chance that the budget gives it, by
+Student's predictive distribution on a scale on which days are normal. On average over baselines that chance is kept
+exactly, so that limits have no floor: one would only ever take alarms away.
 
 Their alarms are the model's, with a share of the budget of their own: they say that the component is to be identified
 anew, not that it is broken.
@@ -15,11 +16,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 
 import numpy as np
-from scipy.special import ndtri
-from scipy.stats import chi2, kstwo
 from scipy.stats import t as student
 
-from fdd.records import NANOSECONDS, FloatArray, JsonObject
+from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
 from fdd.residual_monitors.autocorrelation import Autocorrelation
 from fdd.residual_monitors.chart import Verdicts
 from fdd.residual_monitors.dispersion import Dispersion
@@ -39,6 +38,8 @@ DAY = 86400 * NANOSECONDS
 SHORTEST = 96
 LONGEST = 288
 LAGS = 12
+# Version of the scale that statistics of windows are stored on; an older baseline's are not judged by.
+SCALE = 2
 # Fewer windows than this say nothing of how far a healthy day may go.
 FEWEST = 6
 # One wild value is a matter for the charts of the plant.
@@ -65,12 +66,15 @@ def window_statistics(white: FloatArray, window: int, block: int = 1) -> JsonObj
     if len(values) < FEWEST:
         return {}
     one = np.ones(1)
+    colour = Periodogram(one, window=window)
     found = {
         "autocorrelation": np.cbrt(Autocorrelation(one, window=window, lags=LAGS).statistics(values)),
-        "periodogram": np.log(Periodogram(one, window=window).statistics(values)),
+        "periodogram": colour.straightened(colour.statistics(values)),
         "dispersion": Dispersion(one, window=window).scores(values),
     }
-    spans = {"window": window, "block": block}
+    if any(np.ptp(s) == 0 for s in found.values()):
+        return {}  # days that are all the same say nothing of how far a healthy one may go
+    spans = {"window": window, "block": block, "scale": SCALE}
     return spans | {k: [float(s.mean()), float(s.std(ddof=1)), len(s)] for k, s in found.items()}
 
 
@@ -87,7 +91,7 @@ class HealthCharts:
             for kind in KINDS
             for _, _, c, symbol in self._outputs
         )
-        self._bound(arl)
+        self._chance = self._chances(arl)
         ones = np.ones(len(self._outputs))
         self._memory = Autocorrelation(ones, window=self._window, lags=LAGS, block=self._block)
         self._colour = Periodogram(ones, window=self._window, block=self._block)
@@ -95,34 +99,27 @@ class HealthCharts:
         self._charts = (self._memory, self._colour, self._spread)
         self._inform()
 
-    def _bound(self, arl: Mapping[str, float]) -> None:
-        """The chance of a false alarm that a window of each output may have, and the limits of white noise at it."""
-        self._chance = np.array([min(0.5, self._window * self._block / arl[c.name]) for _, _, c, _ in self._outputs])
-        p, back = np.unique(self._chance, return_inverse=True)
-        bins = (self._window - 1) // 2 - 1
-        self._white = np.cbrt(chi2.isf(p, LAGS))[back], np.log(kstwo.isf(p, bins))[back]
+    def _chances(self, arl: Mapping[str, float]) -> FloatArray:
+        """Chance of a false alarm that a window of each output may have."""
+        return np.array([min(0.5, self._window * self._block / arl[c.name]) for _, _, c, _ in self._outputs])
 
     def allot(self, arl: Mapping[str, float]) -> None:
         """New limits."""
-        self._bound(arl)
+        self._chance = self._chances(arl)
         self._inform()
 
     def _inform(self) -> None:
         """Take centres and limits from the baselines; an output whose baseline was too short is not judged."""
         stored = [g.baselines[i].innovation.get(symbol, {}).get("windows", {}) for g, i, _, symbol in self._outputs]
-        wanted = (self._window, self._block)
-        self._known = np.array([(s.get("window"), s.get("block", 1)) == wanted for s in stored], dtype=np.bool_)
+        wanted = (self._window, self._block, SCALE)
+        self._known = np.array([(s.get("window"), s.get("block"), s.get("scale")) == wanted for s in stored], np.bool_)
         p = self._chance
         memory, colour, spread = (
-            _Reach.of([s[kind] if known else None for s, known in zip(stored, self._known, strict=True)], *chance)
-            for kind, *chance in (
-                ("autocorrelation", p, self._white[0]),
-                ("periodogram", p, self._white[1]),
-                ("dispersion", p / 2, None),
-            )
+            _Reach.of([s[kind] if known else None for s, known in zip(stored, self._known, strict=True)], chance)
+            for kind, chance in zip(KINDS, (p, p, p / 2), strict=True)
         )
         self._memory.set_limit(memory.limit**3)
-        self._colour.set_limit(np.exp(np.minimum(colour.limit, 1.0)))
+        self._colour.set_limit(self._colour.bent(colour.limit))
         self._spread.centre = spread.centre
         self._spread.set_limit(spread.reach)
         self._reaches = (memory, colour, spread)
@@ -134,7 +131,7 @@ class HealthCharts:
         said = [chart.update(z) for chart in self._charts]
         memory, colour, spread = (v.statistic for v in said)
         with np.errstate(divide="ignore"):
-            scaled = (np.cbrt(memory), np.log(colour), spread + self._reaches[2].centre)
+            scaled = (np.cbrt(memory), self._colour.straightened(colour), spread + self._reaches[2].centre)
         away = [np.maximum(s - r.centre, 0.0) for s, r in zip(scaled, self._reaches, strict=True)]
         joined = {f.name: np.concatenate([getattr(v, f.name) for v in said]) for f in fields(Verdicts)}
         joined |= {"statistic": np.concatenate(away), "limit": np.concatenate([r.reach for r in self._reaches])}
@@ -182,20 +179,25 @@ class _Reach:
         return self.centre + self.reach
 
     @classmethod
-    def of(cls, found: Sequence[Sequence[float] | None], chance: FloatArray, white: FloatArray | None) -> _Reach:
-        """From mean, standard deviation and number of windows; ``white`` is the least limit, None for a centred one."""
+    def of(cls, found: Sequence[Sequence[float] | None], chance: FloatArray) -> _Reach:
+        """From mean, standard deviation and number of windows, and the chance that a further one goes beyond."""
         mean, sd, count = np.array([f or (0.0, 1.0, 2.0) for f in found]).reshape(-1, 3).T
-        reach = student.isf(chance, count - 1) * sd * np.sqrt(1 + 1 / count)
-        least = -ndtri(chance) if white is None else white - mean
-        return cls(np.ascontiguousarray(mean), np.maximum(reach, least))
+        return cls(np.ascontiguousarray(mean), student.isf(chance, count - 1) * sd * np.sqrt(1 + 1 / count))
 
 
 def _carried(group: FilterGroup, component: Component) -> int:
     return len(KINDS) * sum(component.carries("health", q.symbol) for q in group.model.outputs)
 
 
+def _used(component: Component, baseline: Baseline, arl: float) -> float:
+    """Part of its outputs that a component's baseline is long enough to judge."""
+    carried = [q.symbol for q in component.model.outputs if component.carries("health", q.symbol)]
+    windows = [baseline.innovation.get(symbol, {}).get("windows", {}) for symbol in carried]
+    return sum(bool(w.get("scale") == SCALE) for w in windows) / max(1, len(carried))
+
+
 def _build(plan: Plan, groups: Sequence[FilterGroup], arl: dict[str, float]) -> list[HealthCharts]:
     return [HealthCharts(plan, groups, arl)]
 
 
-HEALTH = FamilyKind(_carried, _build, SHARE)
+HEALTH = FamilyKind(_carried, _build, SHARE, _used)

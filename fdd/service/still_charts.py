@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdd.records import NANOSECONDS, FloatArray, JsonObject
+from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
 from fdd.residual_monitors.chart import Verdicts
 from fdd.residual_monitors.still import Still, Stillness, stillness
 from fdd.service.chart_family import BoolArray, FamilyKind, Stream
@@ -22,6 +22,8 @@ from fdd.service.plan import Component, Plan
 # Share of the plant's false alarms that frozen readings may give: runs get rare so fast that little is enough.
 SHARE = 0.02
 TEMPERATURE = "degC"
+# What charts use of their share is rounded to a twentieth.
+ROUND = 20
 # What stands for the limit of a point without a baseline of its own; it is fed nothing.
 UNKNOWN = Stillness(readings=1, runs=1, longest=0, tail=0, exceed=1, excess=0, low=-np.inf, high=np.inf)
 
@@ -123,17 +125,40 @@ def _places(groups: Sequence[FilterGroup]) -> Iterator[_Place]:
         for row, c in enumerate(group.components):
             quantities = (*c.model.outputs, *c.model.inputs)
             for column, (q, point) in enumerate(zip(quantities, (*c.outputs, *c.inputs), strict=True)):
-                # A temperature is never at rest; a power, a flow, an opening or the sun may well be, for days.
-                if column < len(c.model.outputs) or q.unit == TEMPERATURE:
+                if _moves(c, column):
                     yield _Place(g, row, column, q.symbol, point)
 
 
+def _moves(component: Component, column: int) -> bool:
+    """A temperature is never at rest; a power, a flow, an opening or the sun may well be, for days."""
+    outputs = len(component.model.outputs)
+    return column < outputs or component.model.inputs[column - outputs].unit == TEMPERATURE
+
+
+def charted(component: Component) -> list[str]:
+    """Symbols of a component whose readings have a chart."""
+    symbols = enumerate(_symbols(component))
+    return [symbol for column, symbol in symbols if _moves(component, column) and component.carries("still", symbol)]
+
+
 def _carried(group: FilterGroup, component: Component) -> int:
-    return sum(component.carries("still", symbol) for symbol in _symbols(component))
+    return len(charted(component))
+
+
+def used(component: Component, baseline: Baseline, arl: float) -> float:
+    """Part of its share that a component's limits can give: none where readings have noise in every digit.
+
+    Limits are whole readings, and never below what a gateway may do: a run of a handful of readings that all differ by
+    noise comes once in ages of the universe. Rounded, so that components that are alike have the same limits.
+    """
+    stored, symbols = baseline.diagnostics.get("still", {}), charted(component)
+    found = [Stillness(**stored[symbol]) for symbol in symbols if symbol in stored]
+    rings = sum(min(1.0, arl * s.rate(s.limit(arl))) for s in found)
+    return round(ROUND * rings / max(1, len(symbols))) / ROUND
 
 
 def _build(plan: Plan, groups: Sequence[FilterGroup], arl: dict[str, float]) -> list[StillCharts]:
     return [StillCharts(plan, groups, arl)]
 
 
-STILL = FamilyKind(_carried, _build, SHARE)
+STILL = FamilyKind(_carried, _build, SHARE, used)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.random import default_rng
-from scipy.stats import chi2, kstest, kstwo
+from numpy.testing import assert_allclose
+from scipy.stats import chi2, kstest, kstwo, norm
+from scipy.stats import t as student
 
 from fdd.residual_monitors.autocorrelation import Autocorrelation
 from fdd.residual_monitors.chart import Phase
@@ -159,6 +161,21 @@ def test_periodogram_finds_a_hidden_line() -> None:
     assert said.phase[0] == Phase.ALARM
     statistic = chart.statistics(rng.standard_normal((4000, 288)))
     assert kstest(statistic, lambda d: kstwo.cdf(d, 142)).pvalue > 1e-3
+
+
+@pytest.mark.parametrize("window", [96, 288])
+def test_cumulated_periodogram_of_white_windows_is_nearly_normal_on_its_scale(window: int) -> None:
+    """By the exact distribution: Student's limits of 27 windows are passed as often as they say; 20 000 baselines."""
+    chart, n = Periodogram([1.0], window=window), (window - 1) // 2 - 1
+    grid = np.linspace(-5, 5.5, 1000)
+    d = kstwo.isf(norm.sf(grid), n)
+    scale = chart.straightened(d)
+    assert_allclose(chart.bent(scale), d, rtol=1e-12)
+    own = np.interp(default_rng(3).standard_normal((20_000, 27)), grid, scale)
+    for p in (1e-2, 1e-3):
+        limit = own.mean(axis=1) + student.isf(p, 26) * own.std(axis=1, ddof=1) * np.sqrt(1 + 1 / 27)
+        passed = norm.sf(np.interp(limit, scale, grid)) / p
+        assert abs(passed.mean() - 1) < 0.12 + 3 * passed.std() / np.sqrt(20_000)
 
 
 def test_window_of_blocks_says_what_a_window_of_their_sums_says() -> None:

@@ -54,6 +54,17 @@ def test_limit_by_chance_keeps_the_promise_on_other_data(repeat):
     assert alarms > 0.2 * promised  # whole readings, and a baseline's error: rarer, but not blind
 
 
+def test_what_a_limit_costs_is_what_it_was_chosen_for_and_nothing_where_readings_have_noise_in_every_digit():
+    rng = np.random.default_rng(7)
+    for repeat in (0.5, 0.9):
+        found = stillness(repeating(rng, 4000, repeat))
+        for arl in (1e4, 1e6):
+            m = found.by_chance(arl)
+            assert found.rate(m) * arl <= 1.0 < found.rate(m - 1) * arl
+    noisy = stillness(rng.standard_normal(6000))
+    assert 1e9 * noisy.rate(noisy.limit(1e9)) < 1e-9
+
+
 def test_signal_that_a_gateway_sometimes_holds_is_covered_by_its_longest_run():
     alarms, promised = realised(0.2, 0.002, lambda found, arl: found.limit(arl))
     assert alarms < promised + 4 * np.sqrt(promised)

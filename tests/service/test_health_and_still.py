@@ -6,14 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from fdd.records import NANOSECONDS, AlarmState, Baseline
+from fdd.residual_monitors.autocorrelation import Autocorrelation
+from fdd.residual_monitors.dispersion import Dispersion
+from fdd.residual_monitors.periodogram import Periodogram
+from fdd.residual_monitors.whiten import Whitener
 from fdd.service.alarms import AlarmBook, Command, Ring, alarm_to_document, kind_of
 from fdd.service.checkpoint import decode, encode
 from fdd.service.engine import Engine
 from fdd.service.health_charts import KINDS, _Reach, window_of, window_statistics
 from fdd.service.history import read_history
-from fdd.service.identify import healthy_steps, innovation_statistics, score_diagnostics
+from fdd.service.identify import healthy_steps, honest_spread, innovation_statistics, score_diagnostics
 from fdd.service.still_charts import still_statistics
 from fdd.service.window import avoided
 from tests.service.conftest import STEP, Truth, baselines, plan, simulate
@@ -125,26 +130,50 @@ def test_new_baseline_ends_the_alarm_of_the_model(long: Truth, known: dict[str, 
     assert [a.state for a in e.alarms.open] == [AlarmState.RETURNED]
 
 
-def test_rate_of_the_health_charts_on_baselines_with_and_without_colour() -> None:
-    """Windows beyond the limits of other, short baselines: as often as promised, averaged over the baselines."""
-    rng, chance, (window, block) = np.random.default_rng(5), 0.01, window_of(FRAME)
-    assert block == 1
-    for rho in (0.0, 0.15):
-        over = dict.fromkeys(KINDS, 0)
-        for _ in range(40):
-            noise = rng.standard_normal((21 + 50) * window)
-            for t in range(1, len(noise)) if rho else ():
-                noise[t] += rho * noise[t - 1]
-            own = window_statistics(noise[: 21 * window], window)
-            for kind in KINDS:
-                r = _Reach.of([own[kind]], np.array([chance]), np.array([-np.inf]))
-                for w in noise[21 * window :].reshape(50, window):
-                    # Six equal windows have the mean of one.
-                    x = window_statistics(np.tile(w, 6), window)[kind][0]
-                    over[kind] += x > r.limit[0]
-        for kind, count in over.items():
-            # 20 are promised of 2000; five standard errors, as the days of one baseline go together. None: blind.
-            assert 1 <= count <= 20 + 5 * np.sqrt(20), (rho, kind, count)
+def test_health_charts_ring_as_often_as_they_promise_after_four_weeks_of_coloured_innovations() -> None:
+    """Innovations with memory, whitened and scaled by their own baseline as in the engine; fifty later days of 600."""
+    rng, chance, streams, learning = np.random.default_rng(5), 0.01, 600, 28 * DAY
+    x = lfilter([1.0], [1.0, -0.3], rng.standard_normal((learning + 50 * DAY, streams)), axis=0)
+    whitener = Whitener.fit(x[:learning], 2, centre=True)
+    whitener.scale[:] = 1.0
+    white = np.array([whitener.update(row) for row in x])[2:].T
+    passed: dict[str, list[float]] = {kind: [] for kind in KINDS}
+    for values in white:
+        own, later = np.split(values / honest_spread(values[: learning - 2]), [learning - 2])
+        known = window_statistics(own, DAY)
+        for kind, statistics in scaled(later.reshape(50, DAY)).items():
+            r = _Reach.of([known[kind]], np.array([chance / 2 if kind == "dispersion" else chance]))
+            far = np.abs(statistics - r.centre) if kind == "dispersion" else statistics - r.centre
+            passed[kind].append(float(np.mean(far > r.reach)) / chance)
+    for kind, ratios in passed.items():
+        # Between baselines, whose errors the limits are averaged over.
+        error = np.std(ratios) / np.sqrt(streams)
+        assert error < 0.1
+        assert abs(np.mean(ratios) - 1) < 0.1 + 2 * error, (kind, np.mean(ratios), error)
+
+
+def scaled(windows: np.ndarray) -> dict[str, np.ndarray]:
+    """What a chart makes of each window, on the scale of the baseline's statistics."""
+    length = windows.shape[1]
+    memory, colour, spread = (
+        Autocorrelation([1.0], window=length), Periodogram([1.0], window=length), Dispersion([1.0], window=length),
+    )  # fmt: skip
+    return {
+        "autocorrelation": np.cbrt(memory.statistics(windows)),
+        "periodogram": colour.straightened(colour.statistics(windows)),
+        "dispersion": spread.scores(windows),
+    }
+
+
+def test_baseline_whose_days_are_told_on_an_older_scale_is_not_judged_by(
+    long: Truth, known: dict[str, Baseline]
+) -> None:
+    def older(b: Baseline) -> Baseline:
+        innovation = {q: {**s, "windows": {**s["windows"], "scale": 1}} for q, s in b.innovation.items()}
+        return replace(b, innovation=innovation)
+
+    e = run(with_south(long, coloured(long, (LEARNING + 2) * DAY)), {n: older(b) for n, b in known.items()})
+    assert not [a for a in e.alarms.open if kind_of(a) == "model"]
 
 
 def test_colour_that_is_slower_than_a_block_is_found_at_one_value_a_second() -> None:
@@ -158,8 +187,8 @@ def test_colour_that_is_slower_than_a_block_is_found_at_one_value_a_second() -> 
     slow = np.repeat(rng.standard_normal((6, 24)), 3600, axis=1)
     for day in later, later + 0.2 * slow:
         for kind, over in (("periodogram", day is not later), ("autocorrelation", day is not later)):
-            r = _Reach.of([own[kind]], np.array([1e-3]), np.array([-np.inf]))
-            x = window_statistics(day.ravel(), window, block)[kind][0]
+            r = _Reach.of([own[kind]], np.array([1e-3]))
+            x = window_statistics(day.ravel(), window, block)[kind][0]  # the mean of six days
             assert (x > r.limit[0]) == over, (kind, x, r.limit)
 
 
