@@ -16,15 +16,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
 
 from benchmarks import whole_engine
-from fdd.plant.district import EQUIPMENT, district_plant, models, outside
-from fdd.plant.faults import PlantFault, effects
-from fdd.plant.scenario import WARM_UP, Scenario
-from fdd.plant.simulate import Change, Simulator
+from fdd.plant.district import EQUIPMENT, district_plant, models
+from fdd.plant.faults import PlantFault
+from fdd.plant.scenario import Scenario, pieces
 from fdd.records import NANOSECONDS, Baseline, FloatArray, IntArray
 from fdd.residual_monitors.budget import YEAR
 from fdd.residual_monitors.chart import Phase, Verdicts
@@ -81,8 +81,9 @@ class Watched:
     parameter that explains these frames best where each is refitted alone, ``scored`` the one that does so by the sums
     of scores. ``z`` (blocks, n_p) are the standardised block scores after the onset, ``information`` (blocks, n_p)
     their informations, ``innovation`` the sums, squares and counts of standardised innovations after the onset,
-    (3, n_y). ``course`` (frames, n_y) has these innovations themselves for the first week after the onset. ``spread``
-    (2, n_y) is what a window's dispersion must pass: the least and the most that the chart takes for healthy.
+    (3, n_y). ``course`` (frames, n_y) has these innovations themselves for the first week after the onset of a fault of
+    the plant. ``spread`` (2, n_y) is what a window's dispersion must pass: the least and the most that the chart takes
+    for healthy.
     """
 
     fault: Fault
@@ -155,21 +156,14 @@ def plant_faults() -> list[tuple[Fault, ...]]:
 
 def simulate(faults: Sequence[Fault], seed: int, days: float = DAYS) -> tuple[IntArray, FloatArray]:
     """Event times and measured points (n, n_points) of a house with these faults."""
-    scenario = Scenario(start=START, days=days, seed=seed)
-    plant, warm = district_plant(), round(WARM_UP * DAY / STEP)
-    time = scenario.first + np.arange(-warm, scenario.samples, dtype=np.int64) * round(STEP * NANOSECONDS)
-    seconds = (time - scenario.first) / NANOSECONDS
-    changes, sensors = effects(plant, [f.plant for f in faults if f.plant], seconds)
-    for f in faults:
-        if f.symbol:
-            value = plant.components[f.component].parameters[f.symbol]
-            course = value * (1.0 - f.size * (seconds >= ONSET * DAY))
-            changes.append(Change(f"{f.component}.{f.symbol}", np.asarray(course, dtype=np.float64)))
-    weather_seed, plant_seed = np.random.SeedSequence(seed).generate_state(2)
-    signals = outside(time, np.random.default_rng(weather_seed))
-    simulator = Simulator(plant, STEP, int(plant_seed))
-    measured = np.concatenate([b.measured for b in simulator.run(signals, changes, sensors)])
-    return time[warm:], measured[warm:]
+    scenario = Scenario(start=START, days=days, seed=seed, faults=tuple(f.plant for f in faults if f.plant))
+    lower = {f"{f.component}.{f.symbol}": partial(_lower, f.size) for f in faults if f.symbol}
+    parts = list(pieces(scenario, factors=lower))
+    return np.concatenate([p.time for p in parts]), np.concatenate([p.values for p in parts])
+
+
+def _lower(size: float, seconds: FloatArray) -> FloatArray:
+    return np.where(seconds >= ONSET * DAY, 1.0 - size, 1.0)
 
 
 def baselines(seed: int, components: Sequence[str]) -> tuple[Plan, dict[str, dict[str, Baseline]]]:
@@ -347,4 +341,5 @@ class _Record:
         z = np.where(info > 0, s / np.sqrt(np.where(info > 0, info, 1.0)), np.nan)
         for i, run in enumerate(self._runs):
             run.z, run.information, run.innovation = z[:, i], info[:, i], self._innovation[:, i]
-            run.course = np.array([c[i] for c in self._course])
+            if run.fault.plant:
+                run.course = np.array([c[i] for c in self._course])

@@ -117,7 +117,8 @@ class KindRow:
     """A fault of the plant at one severity, on known parameters: found by the charts of plant and model, how soon.
 
     ``chart``: the innovation chart that rang first, or the ``dispersion`` of the output whose noise has grown.
-    ``shift`` and ``variance`` are those of the innovations, 0 and 1 without the fault; ``own`` the chart's delay
+    ``shift`` and ``variance`` are those of the innovations, 0 and 1 without the fault; ``errors``: the difference of
+    all innovations of a week from those without the fault, root of the sum of squares; ``own``: the chart's delay
     against theory.
     """
 
@@ -133,7 +134,13 @@ class KindRow:
     chart: str
     shift: float
     variance: float
+    errors: float
     own: Compared
+
+    @property
+    def hidden(self) -> bool:
+        """Whether no chart can see it."""
+        return self.errors < SURE
 
 
 def kind_rows(runs: Sequence[Watched]) -> list[KindRow]:
@@ -169,6 +176,7 @@ def _kind_row(key: tuple[str, str, str, float], runs: list[Watched], twins: list
     courses = [r.course[:, at] - h.course[:, at] for r, h in zip(runs, twins, strict=True)]
     own = [r.streams.get(chart, np.inf) * STEP / DAY if kind not in r.early else float("nan") for r in runs]
     plant, model = (np.array([r.delay(*kinds) for r in runs]) for kinds in (("score", "cusum"), KINDS))
+    apart = [np.nansum(np.square(r.course - h.course)) for r, h in zip(runs, twins, strict=True)]
     return KindRow(
         *key,
         runs=len(runs),
@@ -179,6 +187,7 @@ def _kind_row(key: tuple[str, str, str, float], runs: list[Watched], twins: list
         chart=chart,
         shift=float(np.nanmean(np.concatenate(courses))),
         variance=_variance(key, courses),
+        errors=float(np.sqrt(np.mean(apart))),
         own=_against_theory(key, kind, own, courses, [r.spread[:, at] for r in runs], len(outputs)),
     )
 

@@ -48,6 +48,11 @@ class Compared:
     low: float
     high: float
 
+    @property
+    def error(self) -> float:
+        """Half of the interval; NaN where nothing is compared."""
+        return (self.high - self.low) / 2
+
 
 def compare(measured: Sequence[float], theory: Sequence[FloatArray], end: float) -> Compared:
     """Hold each run's delay against theory's delays in the same life.
