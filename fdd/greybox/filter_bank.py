@@ -5,6 +5,7 @@ All of their state is one float64 array (components, entries), so that a checkpo
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +20,8 @@ from fdd.models.declare import ComponentModel
 
 FloatArray = NDArray[np.float64]
 SCHEMA = 1
+# A step that only takes up a measurement; long enough to be one, too short for anything to happen in it [s].
+MOMENT = 1e-6
 STATUS = (
     "good",
     "not active",
@@ -30,6 +33,8 @@ STATUS = (
     "restarting: an innovation variance was not positive",
     "restarting: the gap is too long for the dynamics",
 )
+# From this status on a component has been given up and starts afresh.
+BROKEN = STATUS.index("restarting: a state or its covariance became infinite")
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +144,14 @@ class FilterBank:
         shift = np.einsum("rik,rk->ri", tangents[:, : n * K].reshape(-1, n, K)[:, :, : new.shape[1]], new - old)
         self._set(rows, 0, n, self._get(0, n)[rows] + np.where(np.isfinite(shift), shift, 0.0))
 
-    def step(self, dt: ArrayLike, u: ArrayLike, y: ArrayLike, active: ArrayLike | None = None) -> Step:
+    def step(
+        self,
+        dt: ArrayLike,
+        u: ArrayLike,
+        y: ArrayLike,
+        active: ArrayLike | None = None,
+        unseen: ArrayLike | None = None,
+    ) -> Step:
         """One sample of every active component.
 
         Parameters
@@ -148,7 +160,10 @@ class FilterBank:
         u : shape (n, n_u), inputs measured now; they act until the next sample
         y : shape (n, n_y), outputs measured now, NaN where missing
         active : shape (n,), False leaves a component as it is
+        unseen : shape (n,), True where inputs have got from their previous values to these at an unknown time between
         """
+        if unseen is not None and np.any(unseen):
+            dt = self._predict_unseen(np.flatnonzero(unseen), np.array(np.broadcast_to(dt, len(self)), float), u)
         n, m, q = len(self), len(self.model.inputs), len(self.model.outputs)
         y = np.array(y, dtype=np.float64).reshape(n, q)
         y[np.isinf(y)] = np.nan
@@ -172,6 +187,43 @@ class FilterBank:
             information=info,
             status=status,
         )
+
+    def _predict_unseen(self, rows: NDArray[np.int64], dt: FloatArray, u: ArrayLike) -> FloatArray:
+        """Predict these components where inputs moved unseen; returns ``dt`` with only a moment left to them.
+
+        Inputs may have moved at once or only now. The prediction lies halfway, and as far to either side is a standard
+        deviation more: what the measurement then corrects, and the charts are not told of.
+        """
+        k, at = self.kernel.layout, self.kernel.layout.offsets
+        given = np.broadcast_to(np.asarray(u, dtype=np.float64), (len(self), k.inputs))[rows]
+        late, early = self._some(rows), self._some(rows)
+        early._set(np.arange(len(rows)), at["UPREV"], at["UPREV"] + k.inputs, given)
+        nothing = np.full((len(rows), len(self.model.outputs)), np.nan)
+        good = [np.less(bank.step(dt[rows], given, nothing).status, BROKEN) for bank in (late, early)]
+        end = at["UPREV"] + k.inputs
+        first, second = late._get(0, end), early._get(0, end)
+        mean = 0.5 * (first + second)
+        apart = 0.5 * (first - second)[:, : k.n]
+        for i in range(k.n):
+            for j in range(i, k.n):
+                mean[:, k.n + codegen.packed(i, j, k.n)] += apart[:, i] * apart[:, j]
+        done = good[0] & good[1]  # the others break in the step itself, which says why
+        self._set(rows[done], 0, end, mean[done])
+        dt[rows[done]] = MOMENT
+        return dt
+
+    def _some(self, rows: NDArray[np.int64]) -> FilterBank:
+        """Some components with their states in a bank of their own."""
+        bank, blocks = copy.copy(self), -(-len(rows) // self._lanes)
+        filled = np.resize(rows, blocks * self._lanes)
+        for name in ("_c", "_blocks"):
+            whole = getattr(self, name)
+            part = aligned(blocks, whole.shape[1], self._lanes)
+            taken = whole[filled // self._lanes, :, filled % self._lanes]
+            part[:] = taken.reshape(blocks, self._lanes, -1).transpose(0, 2, 1)
+            setattr(bank, name, part)
+        bank._scale, bank.parameters = self._scale[filled], self.parameters[rows]
+        return bank
 
     def _padded(self, values: ArrayLike, *shape: int, of: type = np.float64) -> NDArray[Any]:
         """An array of every component with zeros for the spare ones behind."""

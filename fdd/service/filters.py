@@ -3,8 +3,9 @@
 =================  ==============================================================================
 condition          outcome
 =================  ==============================================================================
-input missing      its last value is held for ``hold``, after that the component has no data; the step over which
-                   a value was held is not judged: nobody knows what the input did there
+input missing      its last value is held for ``hold``, after that the component has no data; nobody knows what the
+                   input does from there on until it is back: such steps are not judged, and the filter takes it that
+                   the input has moved at any time between
 output missing     the filter predicts; that output's charts see nothing
 gate false         the machine is off: the filter rests, and starts afresh when it is on again
 gap > ``max_gap``  the filter starts afresh from the next complete measurement
@@ -21,15 +22,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.greybox.filter_bank import STATUS, FilterBank
+from fdd.greybox.filter_bank import BROKEN, STATUS, FilterBank
 from fdd.records import NANOSECONDS, Baseline, FloatArray, IntArray, JsonObject
 from fdd.residual_monitors.whiten import Whitener
 from fdd.service.plan import Component
 
 NEVER = np.iinfo(np.int64).min
 BoolArray = NDArray[np.bool_]
-# From this status on the bank has given a component up and will start it afresh.
-BROKEN = STATUS.index("restarting: a state or its covariance became infinite")
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,16 +128,20 @@ class FilterGroup:
         self._rest(stale)
         starting = self._last == NEVER
         running = has_inputs & on & (~starting | np.isfinite(y).all(axis=1))
+        # Up to the first value that is missing inputs are known, and the filter can follow.
+        leaving = ~has_inputs & on & ~starting & ~self._bridging
+        stepping = running | leaving
         self._quiet = np.where(starting & running, time + self._start_up, self._quiet)
+        fresh = (self._held_at == time).all(axis=1)
         dt = np.where(starting, 0.0, (time - np.where(starting, time, self._last)) / NANOSECONDS)
         with np.errstate(all="ignore"):  # absurd values of one component overflow there and end in its status
-            step = self._bank.step(dt, u, y, running)
-        broken = running & (step.status >= BROKEN)
-        self._last = np.where(running & ~broken, time, np.where(broken, NEVER, self._last))
+            unseen = self._bridging & fresh & running & ~starting
+            step = self._bank.step(dt, u, np.where(leaving[:, None], np.nan, y), stepping, unseen)
+        broken = stepping & (step.status >= BROKEN)
+        self._last = np.where(stepping & ~broken, time, np.where(broken, NEVER, self._last))
         self._count(step.status[broken])
-        charted = running & ~broken & (time >= self._quiet) & ~self._bridging
-        fresh = (self._held_at == time).all(axis=1)
-        self._bridging = np.where(running, ~fresh, self._bridging | ~has_inputs)
+        charted = running & ~broken & (time >= self._quiet) & ~self._bridging & fresh
+        self._bridging = np.where(stepping, ~fresh, self._bridging | ~has_inputs)
         seen = np.where(charted[:, None], step.standardised, np.nan)
         white = self._whitener.update(seen.ravel()).reshape(seen.shape)
         return GroupStep(

@@ -149,6 +149,45 @@ def test_time_that_does_not_increase_and_missing_inputs_have_words() -> None:
     assert np.isfinite(s.innovation[1]).all()
 
 
+def test_an_input_that_moved_unseen_leaves_the_state_halfway_and_less_certain() -> None:
+    """The scalar Ornstein-Uhlenbeck filter by hand: both predictions, their moments, then the measurement."""
+    theta, mu, sigma, noise, h, old, new, y = 0.8, 3.0, 0.5, 0.2, 0.7, 0.0, 2.0, 4.2
+    values = np.array([[theta, mu, np.log(sigma), np.log(noise)]] * 9)
+    bank, told = FilterBank(problems.ou1d(), values), np.arange(9) == 7
+    for measured in (3.0, 3.3):
+        bank.step(np.full(9, h), np.full((9, 1), old), np.full((9, 1), measured))
+    (x,), (P,) = (a[7].ravel() for a in bank.states())
+    done = bank.step(np.full(9, h), np.full((9, 1), new), np.full((9, 1), y), unseen=told)
+    a = np.exp(-theta * h)
+    stayed, moved = (a * x + (1 - a) * (mu + u) for u in (old, new))
+    middle = (stayed + moved) / 2
+    spread = a * a * P + sigma**2 * (1 - a * a) / (2 * theta) + (moved - middle) ** 2
+    gain = spread / (spread + noise**2)
+    found, covariance = bank.states()
+    assert (done.status == 0).all()
+    assert found[7, 0] == pytest.approx(middle + gain * (y - middle), rel=1e-5)
+    assert covariance[7, 0, 0] == pytest.approx((1 - gain) * spread, rel=1e-5)
+    assert found[6, 0] != found[7, 0]
+    assert found[6, 0] == found[8, 0]
+    # The next step starts from the new input.
+    late = bank.step(np.full(9, h), np.full((9, 1), new), np.full((9, 1), y))
+    assert late.predicted[7, 0] == pytest.approx(a * found[7, 0] + (1 - a) * (mu + new), rel=1e-5)
+
+
+def test_an_absurd_input_that_moved_unseen_breaks_its_own_row_only() -> None:
+    m, d = problems.radiator(), kernel_record("radiator")
+    bank, plain = FilterBank(m, typical(m, 3)), FilterBank(m, typical(m, 3))
+    run(bank, d, range(5))
+    run(plain, d, range(5))
+    u, y, dt = np.tile(d.u[5], (3, 1)), np.tile(d.y[5], (3, 1)), np.full(3, d.dt[4])
+    u[1] = 1e300
+    s = bank.step(dt, u, y, unseen=[False, True, False])
+    np.testing.assert_array_equal(s.predicted, plain.step(dt, u, y).predicted)
+    s = bank.step(dt, u, y)
+    assert STATUS[s.status[1]].startswith("restarting")
+    assert (s.status[[0, 2]] == 0).all()
+
+
 def test_wrong_shape_or_parameter_is_refused_by_name() -> None:
     m = problems.building()
     bad = typical(m, 2)

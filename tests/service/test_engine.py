@@ -169,6 +169,24 @@ def test_step_over_lost_inputs_is_not_judged(healthy: Truth) -> None:
     assert np.isnan(judged).all()
 
 
+def test_innovations_are_standard_after_an_input_moved_unseen(healthy: Truth) -> None:
+    """Heaters change by kilowatts every two hours: a filter that held the old one would be far off and sure of it."""
+    points = {k: v.copy() for k, v in healthy.points.items()}
+    heat, moved = points["south.heat"], np.flatnonzero(np.diff(points["south.heat"]) != 0) + 1
+    heat[moved] = np.nan
+    outputs = engine().step(Truth(healthy.time, points).batch())
+    predictions = rows_of(outputs, "predictions")
+    south = predictions.series == predictions.names.index("south/T_in")
+    innovation = predictions.fields["innovation"][south]
+    judged = [np.isin(predictions.time[south], healthy.time[moved[:-1] + later]) for later in (2, 3, 4)]
+    for which in judged:
+        squares = np.square(innovation[which])
+        squares = squares[np.isfinite(squares)]
+        assert squares.size > 100
+        # A chi-square mean of as many: its standard error, three times.
+        assert squares.mean() == pytest.approx(1.0, abs=3 * np.sqrt(2 / squares.size))
+
+
 @pytest.mark.parametrize("seconds", [1, 60, 600])
 def test_state_of_a_component_is_small_whatever_the_step(seconds: int) -> None:
     """Verdicts wait while a checkpoint is taken: of 2 000 components it has 40 MB at most."""
