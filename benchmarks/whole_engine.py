@@ -30,6 +30,7 @@ from fdd.residual_monitors.budget import YEAR
 from fdd.service.alarms import Command
 from fdd.service.engine import Engine
 from fdd.service.filters import FilterGroup, GroupStep
+from fdd.service.granted import granted, physical
 from fdd.service.health_charts import KINDS
 from fdd.service.health_charts import SHARE as HEALTH_SHARE
 from fdd.service.history import History
@@ -142,22 +143,53 @@ def disturbed(true: dict[str, Baseline], rng: np.random.Generator) -> dict[str, 
 
 
 def settled(fleet: Fleet, sets: list[dict[str, Baseline]]) -> list[dict[str, Baseline]]:
-    """Each plant's baselines with what the learning weeks say of their innovations and scores."""
+    """Each plant's baselines with what the learning weeks say of their innovations and scores.
+
+    What given parameters are off by is learned by the engine and goes away; so what is left is taken from filters that
+    have been moved by it.
+    """
     done: list[dict[str, Baseline]] = [{} for _ in sets]
     for kind in fleet.plan.components:
-        names = [f"{plant}/{kind.name}" for plant in range(fleet.plants)]
-        members = [_prefixed(kind, name, str(plant)) for plant, name in enumerate(names)]
-        bare = {n: replace(s[kind.name], innovation={}) for n, s in zip(names, sets, strict=True)}
-        plan = _plan(fleet, members, 1.0)
-        group = FilterGroup(members, bare, plan.columns, hold=plan.hold, max_gap=plan.max_gap)
-        values = plan.derive(fleet.values[: fleet.learning].reshape(fleet.learning, -1))
-        steps = [group.step(t, row) for t, row in zip(fleet.time[: fleet.learning].tolist(), values, strict=True)]
-        for plant, name in enumerate(names):
+        bare = {f"{plant}/{kind.name}": replace(own[kind.name], innovation={}) for plant, own in enumerate(sets)}
+        moved = _learned(_group(fleet, kind, bare), _learning_steps(fleet, _group(fleet, kind, bare)))
+        steps = _learning_steps(fleet, moved)
+        for plant, baseline in enumerate(bare.values()):
             own = [_only(s, plant) for s in steps]
-            spread = {**bare[name].diagnostics, **score_diagnostics(fleet.plan, kind, own)}
+            spread = {**baseline.diagnostics, **score_diagnostics(fleet.plan, kind, own)}
             statistics = innovation_statistics(kind, own, fleet.plan.step)
-            done[plant][kind.name] = replace(bare[name], innovation=statistics, diagnostics=spread)
+            done[plant][kind.name] = replace(baseline, innovation=statistics, diagnostics=spread)
     return done
+
+
+def _group(fleet: Fleet, kind: Component, baselines: dict[str, Baseline]) -> FilterGroup:
+    """One component of every plant, in filters that have not begun."""
+    members = [_prefixed(kind, name, str(plant)) for plant, name in enumerate(baselines)]
+    plan = _plan(fleet, members, 1.0)
+    return FilterGroup(members, baselines, plan.columns, hold=plan.hold, max_gap=plan.max_gap)
+
+
+def _learning_steps(fleet: Fleet, group: FilterGroup) -> list[GroupStep]:
+    values = fleet.values[: fleet.learning].reshape(fleet.learning, -1)
+    return [group.step(t, row) for t, row in zip(fleet.time[: fleet.learning].tolist(), values, strict=True)]
+
+
+def _learned(group: FilterGroup, steps: Sequence[GroupStep]) -> FilterGroup:
+    """The group, moved by what the scores of all steps say of its parameters, given the error that is granted to them.
+
+    The mean of normal parameters after a normal prior of mean 0 (Gelman et al. 2013, Bayesian Data Analysis, 3.5).
+    """
+    at = physical(group)
+    charted = np.array([s.charted & np.isfinite(s.score).all(axis=1) for s in steps])
+    score = np.array([s.score[:, at] for s in steps])
+    information = np.array([s.information[:, at[:, None], at] for s in steps])
+    score = np.where(charted[:, :, None], score, 0.0).sum(axis=0)
+    information = np.where(charted[:, :, None, None], information, 0.0).sum(axis=0)
+    error = np.stack([granted(group, b) for b in group.baselines])
+    by = np.zeros((len(score), len(group.model.parameters)))
+    # (P^-1 + I)^-1 s without the inverse of P.
+    by[:, at] = np.linalg.solve(np.eye(len(at)) + error @ information, (error @ score[:, :, None]))[:, :, 0]
+    group.move(np.arange(len(score)), by)
+    return group
 
 
 def _only(step: GroupStep, row: int) -> GroupStep:
