@@ -45,7 +45,7 @@ LEARNING = 28.0  # days
 SAMPLES_A_DAY = 288
 BUDGET = {"known": 60.0, "fitted": 60.0, "model_off": 60.0, "default": 2.0}
 MODEL_ERROR = 0.01
-LOST, SILENCES, SILENCE = 0.0, 12.0, (0.2, 12.0)  # share of samples; a year; shortest and longest [h]
+LOST, SILENCES, SILENCE = 0.005, 12.0, (0.2, 12.0)  # share of samples; a year; shortest and longest [h]
 ROWS = 72  # frames a batch
 
 
