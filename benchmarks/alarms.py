@@ -232,16 +232,8 @@ def engine_rates(quick: bool, console: Console) -> tuple[Figures, dict[str, Any]
         kinds = {k: (count.alarms[k], promised) for k, promised in count.promised.items()}
         kinds["all"] = (sum(count.alarms.values()), sum(count.promised.values()))
         for kind, (rang, promised) in kinds.items():
-            least, most = (1 / 1.5, 1.5) if kind == "all" else (0.0, 2.0)
-            low, high = (x / promised for x in poisson_interval(rang))
-            # Where few are promised, chance decides: only what it does not explain is held against the engine.
-            fits = least <= rang / promised <= most
-            holds = fits if promised >= 10 else (None if low <= most and high >= least else False)
-            key = f"engine_{which}_{kind}"
-            target = "1/1.5 .. 1.5" if kind == "all" else "<= 2"
-            figures[key] = figure(rang / promised, "of promised", target, holds)
-            figures[key] |= {"interval": [low, high], "alarms": rang, "promised": promised}
-            console.log(f"{which} {kind}: {rang} alarms, {promised:.1f} promised, ratio in [{low:.2f}, {high:.2f}]")
+            figures[f"engine_{which}_{kind}"] = fault_free_years.kept(kind, rang, promised)
+            console.log(f"{which} {kind}: {rang} alarms, {promised:.1f} promised")
     about = {"plants": plants, "days": days, "budget": whole_engine.BUDGET, "plant_years": plants * fleet.watched()}
     charts = Counter(
         f"{a.component.split('/')[0]} {a.component.split('/')[2]} {a.charts[0].split('/')[-1]}" for a in alarms

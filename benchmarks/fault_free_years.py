@@ -108,21 +108,20 @@ def figures_of(records: Sequence[Record]) -> dict[str, dict[str, Any]]:
             n, due = (sum(rang.values()), sum(promised.values())) if kind == "all" else (rang[kind], promised[kind])
             if not n and not due:  # charts that these data give nothing to do, such as frozen readings of noisy sensors
                 continue
-            found[f"{which}_{kind}"] = _ratio(n, due, *((1 / 1.5, 1.5) if kind == "all" else (0.0, 2.0)))
+            found[f"{which}_{kind}"] = kept(kind, n, due)
     return found
 
 
-def _ratio(rang: int, promised: float, least: float, most: float) -> dict[str, Any]:
-    promised = max(promised, np.finfo(float).tiny)
+def kept(kind: str, rang: int, promised: float) -> dict[str, Any]:
+    """Realised over promised alarms of all charts (``all``), or of a kind of chart, against what is asked of it."""
+    least, most, target = (1 / 1.5, 1.5, "1/1.5 .. 1.5") if kind == "all" else (0.0, 2.0, "<= 2")
+    if not promised:
+        return figure(None, "of promised", "none", rang == 0) | {"alarms": rang, "promised": promised}
     low, high = (x / promised for x in poisson_interval(rang))
     fits = least <= rang / promised <= most
     holds = fits if promised >= FEW else (None if low <= most and high >= least else False)
-    target = "1/1.5 .. 1.5" if least else "<= 2"
-    return figure(rang / promised, "of promised", target, holds) | {
-        "interval": [low, high],
-        "alarms": rang,
-        "promised": promised,
-    }
+    about = {"interval": [low, high], "alarms": rang, "promised": promised}
+    return figure(rang / promised, "of promised", target, holds) | about
 
 
 def arguments() -> argparse.Namespace:
