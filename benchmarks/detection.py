@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from itertools import product
 
 import numpy as np
@@ -166,7 +166,8 @@ def _lower(size: float, seconds: FloatArray) -> FloatArray:
     return np.where(seconds >= ONSET * DAY, 1.0 - size, 1.0)
 
 
-def baselines(seed: int, components: Sequence[str]) -> tuple[Plan, dict[str, dict[str, Baseline]]]:
+@cache
+def baselines(seed: int, components: tuple[str, ...]) -> tuple[Plan, dict[str, dict[str, Baseline]]]:
     """The house's plan with these components, and baselines by set and component, from another life of the house."""
     fleet = whole_engine.simulated(1, whole_engine.LEARNING, seed)
     fleet = replace(
@@ -186,10 +187,17 @@ def _certain(baseline: Baseline) -> Baseline:
 
 
 def watch(
-    houses: Sequence[tuple[Fault, ...]], seed: int, sets: Sequence[str] = SETS, lives: Sequence[int] = (0,)
+    houses: Sequence[tuple[Fault, ...]],
+    seed: int,
+    sets: Sequence[str] = SETS,
+    lives: Sequence[int] = (0,),
+    components: Sequence[str] = (),
 ) -> list[Watched]:
-    """Let the houses live these lives, each of one weather for all, and watch their faulty components side by side."""
-    plan, known = baselines(seed, sorted({f.component for house in houses for f in house}))
+    """Let the houses live these lives, each of one weather for all, and watch their faulty components side by side.
+
+    ``components``: whose baselines are fitted, once a seed; by default those that are faulty.
+    """
+    plan, known = baselines(seed, tuple(components or sorted({f.component for house in houses for f in house})))
     return [run for life in lives for run in _lived(houses, seed, sets, life, plan, known)]
 
 

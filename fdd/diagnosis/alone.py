@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdd.greybox.likelihood import Evaluation, Likelihood, from_scale, to_scale
+from fdd.greybox.likelihood import Evaluation, FilterPath, Likelihood, from_scale, to_scale
 from fdd.models.declare import ComponentModel
 from fdd.records import FloatArray
 
@@ -56,6 +56,28 @@ def alone(model: ComponentModel, likelihood: Likelihood, values: FloatArray, lef
         return []
     physical = [i for i, p in enumerate(model.parameters) if p.kind == "physical" and p.symbol not in left]
     return sorted((_follow(model, likelihood, values, base, i) for i in physical), key=lambda a: -a.gain)
+
+
+def moved(model: ComponentModel, values: FloatArray, by: Alone) -> FloatArray:
+    """The parameters with this one moved, natural scale, (n_p,)."""
+    found = values.copy()
+    i = [p.symbol for p in model.parameters].index(by.symbol)
+    found[i] = from_scale(model.parameters[i], to_scale(model.parameters[i], float(values[i])) + by.change)
+    return found
+
+
+def frames_before(likelihood: Likelihood, values: FloatArray, changed: FloatArray) -> int:
+    """How many of the first frames the baseline explains better than parameters ``changed`` do: they were healthy yet.
+
+    An onset is an estimate. The maximum of the likelihood over all onsets (Basseville and Nikiforov 1993, 2.4.3).
+    """
+    losses = [np.concatenate([_losses(path) for path in likelihood.paths(at)]) for at in (changed, values)]
+    return int(np.argmin(np.cumsum([0.0, *(losses[1] - losses[0])[:-1]])))
+
+
+def _losses(path: FilterPath) -> FloatArray:
+    """Of each frame, twice the negative log-likelihood but for a constant."""
+    return np.asarray(np.nansum(path.standardised**2 + np.log(path.innovation_variance), axis=1))
 
 
 def _follow(model: ComponentModel, likelihood: Likelihood, values: FloatArray, base: Evaluation, index: int) -> Alone:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fdd.diagnosis.alone import Alone, alone
+from fdd.diagnosis.alone import Alone, alone, frames_before, moved
 from fdd.greybox.likelihood import Likelihood
 from fdd.records import Baseline, JsonObject
 from fdd.report.words import likely
@@ -21,6 +21,8 @@ from fdd.service.window import record
 
 SHOWN = 3
 """Parameters told of, the one that explains most first."""
+ONSETS = 3
+"""Times that the onset is looked for."""
 SURE = 9.0
 """A gain of less than three standard errors squared is not worth a word."""
 
@@ -42,14 +44,25 @@ def explained_by(plan: Plan, component: Component, history: History, baseline: B
     """What each parameter, refitted alone to these frames, explains of them, the best first; empty without data.
 
     The sums of scores that an alarm was raised on are linear in the change; where it is large they can take one
-    parameter for another. Parameters that the baseline left open are left out: they have no value to depart from.
+    parameter for another. What was healthy yet is left out, and so are parameters that the baseline left open: they
+    have no value to depart from.
     """
-    records = [record(r) for r in runs(plan, component, history)]
-    if not records:
-        return []
     values = np.array([baseline.parameters[p.symbol] for p in component.model.parameters])
     left = {*baseline.diagnostics.get("unidentifiable", ()), *baseline.diagnostics.get("at_bound", ())}
-    return alone(component.model, Likelihood(component.model, records), values, left)
+    found: list[Alone] = []
+    for _ in range(ONSETS):
+        parts = runs(plan, component, history)
+        if not parts:
+            break
+        likelihood = Likelihood(component.model, [record(r) for r in parts])
+        found = alone(component.model, likelihood, values, left)
+        if not found:
+            break
+        before = frames_before(likelihood, values, moved(component.model, values, found[0]))
+        if not before:
+            break
+        history = history.between(int(np.concatenate([r.time for r in parts])[before]), None)
+    return found
 
 
 def looked_at_again(opened: Opened, alarm: JsonObject) -> list[Alone]:
