@@ -198,42 +198,30 @@ def watch(
     ``components``: whose baselines are fitted, once a seed; by default those that are faulty.
     """
     plan, known = baselines(seed, tuple(components or sorted({f.component for house in houses for f in house})))
-    return [run for life in lives for run in _lived(houses, seed, sets, life, plan, known)]
-
-
-def _lived(
-    houses: Sequence[tuple[Fault, ...]],
-    seed: int,
-    sets: Sequence[str],
-    life: int,
-    plan: Plan,
-    known: dict[str, dict[str, Baseline]],
-) -> list[Watched]:
-    found = [simulate(house, 7919 + seed + 1000 * life) for house in houses]
+    plants = list(product(lives, houses))
+    found = [simulate(house, 7919 + seed + 1000 * life) for life, house in plants]
     time = found[0][0]
     values = np.stack([v for _, v in found], axis=1)
     kinds = {c.name: c for c in plan.components}
-    runs: list[Watched] = []
     members: dict[str, list[Component]] = {}
     own: dict[str, Baseline] = {}
-    index: dict[str, Watched] = {}
-    for (plant, house), which in product(enumerate(houses), sets):
+    runs: dict[str, Watched] = {}
+    for (plant, (life, house)), which in product(enumerate(plants), sets):
         for f in house:
             name = f"{which}/{plant}/{f.component}"
-            index[name] = Watched(f, seed, life, which, {})
-            runs.append(index[name])
+            runs[name] = Watched(f, seed, life, which, {})
             component = whole_engine._prefixed(kinds[f.component], name, str(plant))
             members.setdefault(EQUIPMENT[f.component][0], []).append(component)
             own[name] = replace(known[which][f.component], component=name)
-    points = tuple(f"{plant}/{p}" for plant in range(len(houses)) for p in plan.points)
+    points = tuple(f"{plant}/{p}" for plant in range(len(plants)) for p in plan.points)
     whole = replace(plan, points=points, derived=(), components=tuple(c for m in members.values() for c in m))
     for model in members.values():
-        _watch(whole, model, own, index, time, values.reshape(len(time), -1))
-    for name, run in index.items():
+        _watch(whole, model, own, runs, time, values.reshape(len(time), -1))
+    for name, run in runs.items():
         if run.span[1]:
             history = History(plan.columns, time, plan.derive(values[:, int(name.split("/")[1])]))
             run.named = _refitted(plan, kinds[run.fault.component], history, run.span, own[name])
-    return runs
+    return list(runs.values())
 
 
 def _refitted(plan: Plan, component: Component, history: History, span: tuple[int, int], baseline: Baseline) -> str:
