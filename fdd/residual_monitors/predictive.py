@@ -32,6 +32,18 @@ def siegmund_rate(drift: FloatArray, limit: FloatArray | float) -> FloatArray:
     return np.asarray(1.0 / np.maximum(length, 1.0))
 
 
+def widened(limit: ArrayLike, k: ArrayLike, variance: ArrayLike) -> FloatArray:
+    """Limits of CUSUMs whose values have a scale that is itself uncertain.
+
+    Rates fall as exp(-2 k h / v) with the values' variance v (Siegmund 1985, eq. 2.56). A relative error of v that is
+    normal with this ``variance`` s^2 multiplies their mean by exp(2 (k h s)^2), which k h^2 s^2 more of a limit undoes
+    (4 to 7 % too much at s = 0.06, 11 to 19 % at 0.1).
+    Arguments are scalars or of one shape (n,).
+    """
+    h = np.asarray(limit, dtype=np.float64)
+    return np.asarray(h * (1.0 + np.asarray(k) * h * np.asarray(variance)))
+
+
 class Uncertainty:
     """What to add to the reference values of CUSUMs, by their limits.
 

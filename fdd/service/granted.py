@@ -8,7 +8,7 @@ import numpy as np
 
 from fdd.models.declare import Parameter
 from fdd.records import Baseline, FloatArray, IntArray
-from fdd.service.filters import FilterGroup
+from fdd.service.filters import FilterGroup, GroupStep
 
 # Relative standard error granted to a physical parameter that was given and not fitted: a figure that is right to one
 # per cent is a good one. What of it is true is learned from the first weeks' scores.
@@ -42,6 +42,18 @@ def spread_of(baseline: Baseline, symbols: Sequence[str]) -> FloatArray:
     """Standard deviations of parameters' scores on the baseline's own data: at least 1, and 1 where none is kept."""
     table = baseline.diagnostics.get("score_spread", {})
     return np.array([max(1.0, float(table.get(s, 1.0))) for s in symbols])
+
+
+def shift_variance(group: FilterGroup, step: GroupStep, covariance: FloatArray) -> FloatArray:
+    """Variance that errors of the parameters give to the means of a group's innovations in this step, one an output.
+
+    ``covariance`` is that of the physical parameters, (n, p, p). Of a component with several outputs that of all
+    together: which of them an error moves is not known here.
+    """
+    at = physical(group)
+    information = np.nan_to_num(step.information[:, at[:, None], at])
+    variance = np.einsum("njk,njk->n", information, covariance)
+    return np.repeat(np.maximum(variance, 0.0), step.standardised.shape[1])
 
 
 def relative_slopes(group: FilterGroup) -> FloatArray:

@@ -2,9 +2,12 @@
 
 Every output's innovations are tested day by day for memory (autocorrelation), colour at any frequency (cumulated
 periodogram) and spread (dispersion). Hardly any model is white on its own baseline, and one that was accepted so must
-not ring for it: a limit is what a further day of the baseline passes with the chance that the budget gives it, by
-Student's predictive distribution on a scale on which days are normal. On average over baselines that chance is kept
-exactly, so that limits have no floor: one would only ever take alarms away.
+not ring for it: a limit is what a further day of the baseline passes with the chance that the budget gives it, on a
+scale on which days are normal. Where the baseline's days are within chance of those of white noise, that is what limits
+are from; where they are beyond, they are Student's predictive ones from the days' own mean and spread. (From their own
+four weeks alone the chance is kept on average over very many baselines: some would ring every month.)
+
+A model whose parameters are still being learned is not judged: until then its innovations have its inputs' colour.
 
 Their alarms are the model's, with a share of the budget of their own: they say that the component is to be identified
 anew, not that it is broken.
@@ -14,8 +17,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from functools import lru_cache
 
 import numpy as np
+from scipy.stats import kstwo, norm
 from scipy.stats import t as student
 
 from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
@@ -27,6 +32,7 @@ from fdd.residual_monitors.window import FILLING, blocks
 from fdd.service.alarms import MODEL
 from fdd.service.chart_family import BoolArray, FamilyKind, Stream
 from fdd.service.filters import FilterGroup, GroupStep
+from fdd.service.granted import shift_variance
 from fdd.service.plan import Component, Plan
 
 KINDS = ("autocorrelation", "periodogram", "dispersion")
@@ -44,6 +50,10 @@ SCALE = 2
 FEWEST = 6
 # One wild value is a matter for the charts of the plant.
 OUTLIER = 5.0
+# So many standard errors are chance: one in twenty shows more.
+CHANCE = 1.645
+# Variance of the innovations' means by what parameters may be off by; colour of so little does not show in a day.
+LEARNED = 0.02
 
 
 def window_of(step: int) -> tuple[int, int]:
@@ -82,6 +92,7 @@ class HealthCharts:
     """Three tests on the windows of every output; statistics count from the baseline's mean, on a normal scale."""
 
     def __init__(self, plan: Plan, groups: Sequence[FilterGroup], arl: Mapping[str, float]) -> None:
+        self._groups = tuple(groups)
         self._window, self._block = window_of(plan.step)
         outputs = [(g, i, c, q.symbol) for g in groups for i, c in enumerate(g.components) for q in g.model.outputs]
         self._carried = np.array([c.carries("health", symbol) for _, _, c, symbol in outputs], dtype=np.bool_)
@@ -115,7 +126,12 @@ class HealthCharts:
         self._known = np.array([(s.get("window"), s.get("block"), s.get("scale")) == wanted for s in stored], np.bool_)
         p = self._chance
         memory, colour, spread = (
-            _Reach.of([s[kind] if known else None for s, known in zip(stored, self._known, strict=True)], chance)
+            _Reach.of(
+                kind,
+                [s[kind] if known else None for s, known in zip(stored, self._known, strict=True)],
+                chance,
+                self._window,
+            )
             for kind, chance in zip(KINDS, (p, p, p / 2), strict=True)
         )
         self._memory.set_limit(memory.limit**3)
@@ -127,7 +143,9 @@ class HealthCharts:
     def update(self, steps: Sequence[GroupStep]) -> Verdicts:
         """Feed the standardised innovations."""
         z = np.concatenate([np.empty(0), *(s.standardised.ravel() for s in steps)])[self._carried]
-        z = np.where(self._known, np.clip(z, -OUTLIER, OUTLIER), np.nan)
+        off = [shift_variance(g, s, g.error) for g, s in zip(self._groups, steps, strict=True)]
+        learned = np.concatenate([np.empty(0), *off])[self._carried] < LEARNED
+        z = np.where(self._known & learned, np.clip(z, -OUTLIER, OUTLIER), np.nan)
         said = [chart.update(z) for chart in self._charts]
         memory, colour, spread = (v.statistic for v in said)
         with np.errstate(divide="ignore"):
@@ -179,10 +197,33 @@ class _Reach:
         return self.centre + self.reach
 
     @classmethod
-    def of(cls, found: Sequence[Sequence[float] | None], chance: FloatArray) -> _Reach:
+    def of(cls, kind: str, found: Sequence[Sequence[float] | None], chance: FloatArray, window: int) -> _Reach:
         """From mean, standard deviation and number of windows, and the chance that a further one goes beyond."""
         mean, sd, count = np.array([f or (0.0, 1.0, 2.0) for f in found]).reshape(-1, 3).T
-        return cls(np.ascontiguousarray(mean), student.isf(chance, count - 1) * sd * np.sqrt(1 + 1 / count))
+        centre, spread = white_days(kind, window)
+        two_sided = kind == "dispersion"
+        away = (mean - centre) * np.sqrt(count) / spread
+        white = (np.abs(away) if two_sided else away) <= CHANCE
+        white &= sd <= spread * (1 + CHANCE / np.sqrt(2 * (count - 1)))
+        # The scale that spreads are told in is the baseline's own, and as uncertain as their mean.
+        known = norm.isf(chance) * spread * np.sqrt(1 + two_sided / count)
+        own = student.isf(chance, count - 1) * sd * np.sqrt(1 + 1 / count)
+        return cls(np.where(white, centre, mean), np.where(white, known, own))
+
+
+@lru_cache
+def white_days(kind: str, window: int) -> tuple[float, float]:
+    """Mean and standard deviation of a test's statistic on windows of white noise, on the scale of the baselines."""
+    match kind:
+        case "autocorrelation":  # chi-square with LAGS degrees of freedom (Wilson and Hilferty 1931)
+            root = float(np.cbrt(LAGS))
+            return root * (1 - 2 / (9 * LAGS)), root * float(np.sqrt(2 / (9 * LAGS)))
+        case "periodogram":  # Kolmogorov's distribution, by its quantiles
+            quantiles = kstwo.ppf((np.arange(100) + 0.5) / 100, (window - 1) // 2 - 1)
+            values = Periodogram(np.ones(1), window=window).straightened(quantiles)
+            return float(values.mean()), float(values.std())
+        case _:
+            return 0.0, 1.0
 
 
 def _carried(group: FilterGroup, component: Component) -> int:

@@ -9,11 +9,18 @@ import numpy as np
 from fdd.records import FloatArray, JsonObject
 from fdd.residual_monitors.chart import Verdicts
 from fdd.residual_monitors.cusum import Cusum
-from fdd.residual_monitors.predictive import Uncertainty
+from fdd.residual_monitors.predictive import Uncertainty, widened
+from fdd.residual_monitors.score import KNOWN
 from fdd.service.chart_family import BoolArray, FamilyKind, Stream
 from fdd.service.filters import FilterGroup, GroupStep
-from fdd.service.granted import physical, relative_slopes
+from fdd.service.granted import relative_slopes, shift_variance
 from fdd.service.plan import Component, Plan
+
+# What a fit has made white is not quite so afterwards: sums over the hours in which a CUSUM grows vary from baseline
+# to baseline as if it had one in so many independent samples (houses at five minutes, four weeks).
+MEMORY = 16
+# Variance of a scale from a baseline that is too short to say anything of it.
+MOST = 0.02
 
 
 class InnovationCharts:
@@ -30,17 +37,17 @@ class InnovationCharts:
         carried = [c.carries("cusum", q.symbol) for g in groups for c in g.components for q in g.model.outputs]
         self._carried = np.flatnonzero(np.array(carried, dtype=np.bool_))
         self._chart = Cusum.design([arl[s.component] for s in self.streams])
-        self._groups, self._physical = tuple(groups), [physical(g) for g in groups]
+        self._groups = tuple(groups)
         self._slack = slack
         self._apart = self._slackened()
-        self._uncertainty = Uncertainty(self._chart.limit, self._chart.k)
+        self.allot(arl)
 
     def update(self, steps: Sequence[GroupStep]) -> Verdicts:
         """Feed the standardised innovations; the reference widens with what baselines may be off by without a fault."""
-        errors = [self._moved(i, step, self._groups[i].error) for i, step in enumerate(steps)]
+        errors = [shift_variance(self._groups[i], step, self._groups[i].error) for i, step in enumerate(steps)]
         forgiven = self._uncertainty.extra(np.concatenate([np.empty(0), *errors])[self._carried])
         if self._slack:
-            apart = [self._moved(i, step, self._apart[i]) for i, step in enumerate(steps)]
+            apart = [shift_variance(self._groups[i], step, self._apart[i]) for i, step in enumerate(steps)]
             forgiven = forgiven + np.sqrt(np.concatenate([np.empty(0), *apart])[self._carried])
         self._chart.forgive(forgiven)
         return self._chart.update(
@@ -49,7 +56,14 @@ class InnovationCharts:
 
     def allot(self, arl: Mapping[str, float]) -> None:
         """New limits, and what they add to the reference values."""
-        self._chart.set_limit(Cusum.design([arl[s.component] for s in self.streams]).limit)
+        self._arl = dict(arl)
+        limit = Cusum.design([arl[s.component] for s in self.streams]).limit
+        seen = [
+            b.innovation.get(q.symbol, {}).get("samples", KNOWN) for g in self._groups for b in g.baselines
+            for q in g.model.outputs
+        ]  # fmt: skip
+        uncertain = np.minimum(2.0 * MEMORY / np.array(seen, dtype=np.float64), MOST)[self._carried]
+        self._chart.set_limit(widened(limit, self._chart.k, uncertain))
         self._uncertainty = Uncertainty(self._chart.limit, self._chart.k)
 
     def _slackened(self) -> list[FloatArray]:
@@ -62,18 +76,9 @@ class InnovationCharts:
 
         So an alarm that an innovation chart holds stands until it is cleared.
         """
+        self.allot(self._arl)
         self._apart = self._slackened()
         return np.zeros(len(self.streams), dtype=np.bool_)
-
-    def _moved(self, index: int, step: GroupStep, covariance: FloatArray) -> FloatArray:
-        """Variance that such changes of the baseline give the means of a group's innovations, a value an output.
-
-        Of a component with several outputs that of all together: which of them it moves is not known here.
-        """
-        at = self._physical[index]
-        information = np.nan_to_num(step.information[:, at[:, None], at])
-        variance = np.einsum("njk,njk->n", information, covariance)
-        return np.repeat(np.maximum(variance, 0.0), step.standardised.shape[1])
 
     def reset(self, which: BoolArray) -> None:
         """Start these streams again."""

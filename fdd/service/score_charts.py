@@ -8,6 +8,7 @@ import numpy as np
 
 from fdd.records import NANOSECONDS, IntArray, JsonObject
 from fdd.residual_monitors.chart import Verdicts
+from fdd.residual_monitors.predictive import widened
 from fdd.residual_monitors.score import KNOWN, Score
 from fdd.service.chart_family import BoolArray, FamilyKind, Stream
 from fdd.service.filters import FilterGroup, GroupStep
@@ -46,6 +47,7 @@ class ScoreCharts:
             wanted, parameters=len(self._symbols), block=self._block, enough=plan.learning / SCORE_BLOCK
         )
         self._slack = plan.slack
+        self.allot(arl)
         self._inform(np.ones(len(group.components), dtype=np.bool_))
 
     def _inform(self, rows: BoolArray) -> None:
@@ -68,12 +70,20 @@ class ScoreCharts:
         self._chart.presume(rows, [[spread.get(s, 1.0) for s in self._symbols] for spread in spreads], blocks)
 
     def allot(self, arl: Mapping[str, float]) -> None:
-        """New limits, and what they add to the reference values."""
+        """New limits, and what they add to the reference values.
+
+        The spread of the scores is known from the baseline's blocks and from those over which it goes on being learned.
+        """
+        self._arl = dict(arl)
         wanted = [arl[s.component] for s in self.streams]
-        self._chart.set_limit(Score.design(wanted, parameters=len(self._symbols), block=self._block).limit)
+        limit = Score.design(wanted, parameters=len(self._symbols), block=self._block).limit
+        blocks = [b.diagnostics.get("score_blocks", KNOWN) + self._chart.enough for b in self._group.baselines]
+        uncertain = np.repeat(2.0 / np.array(blocks), len(self._symbols))
+        self._chart.set_limit(widened(limit, self._chart.k, uncertain))
 
     def rebase(self, components: set[str]) -> BoolArray:
         """Start again: sums and history are departures from the old parameters and say nothing of the new ones."""
+        self.allot(self._arl)
         self._inform(np.array([c.name in components for c in self._group.components]))
         which = np.array([s.component in components for s in self.streams])
         self.reset(which)

@@ -88,7 +88,7 @@ def baselines() -> dict[str, Baseline]:
             end=0,
             samples=0,
             log_likelihood=0.0,
-            innovation={"T_in": {"mean": 0.0, "sd": 1.0, "lag1": 0.0, "samples": 1}},
+            innovation={"T_in": {"mean": 0.0, "sd": 1.0, "lag1": 0.0, "samples": 10**9}},
         )
         for room in ("south", "north")
     }

@@ -10,13 +10,15 @@ from scipy.signal import lfilter
 
 from fdd.records import NANOSECONDS, AlarmState, Baseline
 from fdd.residual_monitors.autocorrelation import Autocorrelation
+from fdd.residual_monitors.chart import Phase
 from fdd.residual_monitors.dispersion import Dispersion
 from fdd.residual_monitors.periodogram import Periodogram
 from fdd.residual_monitors.whiten import Whitener
 from fdd.service.alarms import AlarmBook, Command, Ring, alarm_to_document, kind_of
 from fdd.service.checkpoint import decode, encode
 from fdd.service.engine import Engine
-from fdd.service.health_charts import KINDS, _Reach, window_of, window_statistics
+from fdd.service.filters import FilterGroup
+from fdd.service.health_charts import KINDS, HealthCharts, _Reach, window_of, window_statistics
 from fdd.service.history import read_history
 from fdd.service.identify import healthy_steps, honest_spread, innovation_statistics, score_diagnostics
 from fdd.service.still_charts import still_statistics
@@ -110,6 +112,20 @@ def test_colour_that_comes_later_is_an_alarm_of_the_model_and_not_of_the_plant(
     assert avoided([alarm_to_document(alarm)], plan().components[0]) == []
 
 
+def test_model_whose_parameters_are_still_being_learned_is_not_judged(long: Truth, known: dict[str, Baseline]) -> None:
+    p = plan()
+    group = FilterGroup(p.components, known, p.columns, hold=0, max_gap=p.max_gap)
+    charts = HealthCharts(p, [group], dict.fromkeys(known, 1e6))
+    group.error = np.stack(
+        [np.eye(3) * error for error in (1.0, 1e-8)]
+    )  # the south room's parameters are anybody's guess
+    for time, row in zip(long.time[: DAY + 9], np.stack([long.points[n] for n in p.points], axis=1), strict=False):
+        said = charts.update([group.step(int(time), row)])
+    south = np.array([s.component == "south" for s in charts.streams])
+    assert (said.phase[south] == Phase.NO_DATA).all()
+    assert (said.phase[~south] == Phase.QUIET).all()
+
+
 def test_colour_that_the_baseline_had_does_not_ring(long: Truth, known: dict[str, Baseline]) -> None:
     truth = with_south(long, coloured(long, 0))
     assert run(truth, watched(truth)).alarms.open == ()
@@ -142,7 +158,7 @@ def test_health_charts_ring_as_often_as_they_promise_after_four_weeks_of_coloure
         own, later = np.split(values / honest_spread(values[: learning - 2]), [learning - 2])
         known = window_statistics(own, DAY)
         for kind, statistics in scaled(later.reshape(50, DAY)).items():
-            r = _Reach.of([known[kind]], np.array([chance / 2 if kind == "dispersion" else chance]))
+            r = _Reach.of(kind, [known[kind]], np.array([chance / 2 if kind == "dispersion" else chance]), DAY)
             far = np.abs(statistics - r.centre) if kind == "dispersion" else statistics - r.centre
             passed[kind].append(float(np.mean(far > r.reach)) / chance)
     for kind, ratios in passed.items():
@@ -187,7 +203,7 @@ def test_colour_that_is_slower_than_a_block_is_found_at_one_value_a_second() -> 
     slow = np.repeat(rng.standard_normal((6, 24)), 3600, axis=1)
     for day in later, later + 0.2 * slow:
         for kind, over in (("periodogram", day is not later), ("autocorrelation", day is not later)):
-            r = _Reach.of([own[kind]], np.array([1e-3]))
+            r = _Reach.of(kind, [own[kind]], np.array([1e-3]), window)
             x = window_statistics(day.ravel(), window, block)[kind][0]  # the mean of six days
             assert (x > r.limit[0]) == over, (kind, x, r.limit)
 

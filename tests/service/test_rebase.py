@@ -24,7 +24,7 @@ DAY = 288
 def moved(share: float = 0.05, **more: object) -> Baseline:
     """The south room's baseline with another thermal resistance, and some colour to be taken out."""
     old = baselines()["south"]
-    innovation = {"T_in": {"mean": 0.02, "sd": 1.05, "ar": [0.1, 0.02], "lag1": 0.1, "samples": 4000}}
+    innovation = {"T_in": {"mean": 0.02, "sd": 1.05, "ar": [0.1, 0.02], "lag1": 0.1, "samples": 10**9}}
     parameters = {**old.parameters, "R_ia": old.parameters["R_ia"] * (1 + share)}
     return replace(old, version=2, parameters=parameters, innovation=innovation, **more)  # type: ignore[arg-type]
 
