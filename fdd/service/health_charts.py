@@ -52,6 +52,8 @@ FEWEST = 6
 OUTLIER = 5.0
 # So many standard errors are chance: one in twenty shows more.
 CHANCE = 1.645
+# Relative standard deviation from day to day of the innovations' variance, beyond chance, that is no fault of a model.
+STEADY = 0.035
 # Variance of the innovations' means by what parameters may be off by; colour of so little does not show in a day.
 LEARNED = 0.02
 
@@ -205,8 +207,9 @@ class _Reach:
         away = (mean - centre) * np.sqrt(count) / spread
         white = (np.abs(away) if two_sided else away) <= CHANCE
         white &= sd <= spread * (1 + CHANCE / np.sqrt(2 * (count - 1)))
-        # The scale that spreads are told in is the baseline's own, and as uncertain as their mean.
-        known = norm.isf(chance) * spread * np.sqrt(1 + two_sided / count)
+        # The scale that spreads are told in is the baseline's own: as uncertain as their mean, and no steadier.
+        unsteady = two_sided * (1 / count + np.square(STEADY) * (window - 1) / 2)
+        known = norm.isf(chance) * spread * np.sqrt(1 + unsteady)
         own = student.isf(chance, count - 1) * sd * np.sqrt(1 + 1 / count)
         return cls(np.where(white, centre, mean), np.where(white, known, own))
 
