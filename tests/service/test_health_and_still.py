@@ -18,7 +18,7 @@ from fdd.service.alarms import AlarmBook, Command, Ring, alarm_to_document, kind
 from fdd.service.checkpoint import decode, encode
 from fdd.service.engine import Engine
 from fdd.service.filters import FilterGroup
-from fdd.service.health_charts import KINDS, HealthCharts, _Reach, window_of, window_statistics
+from fdd.service.health_charts import KINDS, STEADY, HealthCharts, _Reach, window_of, window_statistics
 from fdd.service.history import read_history
 from fdd.service.identify import healthy_steps, honest_spread, innovation_statistics, score_diagnostics
 from fdd.service.still_charts import still_statistics
@@ -157,7 +157,9 @@ def test_health_charts_ring_as_often_as_they_promise_after_four_weeks_of_coloure
     for values in white:
         own, later = np.split(values / honest_spread(values[: learning - 2]), [learning - 2])
         known = window_statistics(own, DAY)
-        for kind, statistics in scaled(later.reshape(50, DAY)).items():
+        # Days as unsteady as charts grant that healthy ones are.
+        days = later.reshape(50, DAY) * np.sqrt(1 + STEADY * rng.standard_normal((50, 1)))
+        for kind, statistics in scaled(days).items():
             r = _Reach.of(kind, [known[kind]], np.array([chance / 2 if kind == "dispersion" else chance]), DAY)
             far = np.abs(statistics - r.centre) if kind == "dispersion" else statistics - r.centre
             passed[kind].append(float(np.mean(far > r.reach)) / chance)
