@@ -25,7 +25,7 @@ from scipy.stats import t as student
 
 from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
 from fdd.residual_monitors.autocorrelation import Autocorrelation
-from fdd.residual_monitors.chart import Verdicts
+from fdd.residual_monitors.chart import Phase, Verdicts
 from fdd.residual_monitors.dispersion import Dispersion
 from fdd.residual_monitors.periodogram import Periodogram
 from fdd.residual_monitors.window import FILLING, blocks
@@ -147,6 +147,7 @@ class HealthCharts:
         z = np.concatenate([np.empty(0), *(s.standardised.ravel() for s in steps)])[self._carried]
         off = [shift_variance(g, s, g.error) for g, s in zip(self._groups, steps, strict=True)]
         learned = np.concatenate([np.empty(0), *off])[self._carried] < LEARNED
+        waiting = np.tile(self._known & ~learned & np.isfinite(z), len(KINDS))
         z = np.where(self._known & learned, np.clip(z, -OUTLIER, OUTLIER), np.nan)
         said = [chart.update(z) for chart in self._charts]
         memory, colour, spread = (v.statistic for v in said)
@@ -154,6 +155,7 @@ class HealthCharts:
             scaled = (np.cbrt(memory), self._colour.straightened(colour), spread + self._reaches[2].centre)
         away = [np.maximum(s - r.centre, 0.0) for s, r in zip(scaled, self._reaches, strict=True)]
         joined = {f.name: np.concatenate([getattr(v, f.name) for v in said]) for f in fields(Verdicts)}
+        joined["phase"][waiting & (joined["phase"] == Phase.NO_DATA)] = Phase.LEARNING
         joined |= {"statistic": np.concatenate(away), "limit": np.concatenate([r.reach for r in self._reaches])}
         return Verdicts(**joined)
 

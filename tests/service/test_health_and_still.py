@@ -122,7 +122,7 @@ def test_model_whose_parameters_are_still_being_learned_is_not_judged(long: Trut
     for time, row in zip(long.time[: DAY + 9], np.stack([long.points[n] for n in p.points], axis=1), strict=False):
         said = charts.update([group.step(int(time), row)])
     south = np.array([s.component == "south" for s in charts.streams])
-    assert (said.phase[south] == Phase.NO_DATA).all()
+    assert (said.phase[south] == Phase.LEARNING).all()
     assert (said.phase[~south] == Phase.QUIET).all()
 
 
