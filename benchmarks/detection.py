@@ -179,11 +179,12 @@ def baselines(seed: int, components: tuple[str, ...]) -> tuple[Plan, dict[str, d
 
 
 def _certain(baseline: Baseline) -> Baseline:
-    """Parameters without error: as known as a number can be."""
+    """Parameters, spreads and scales without error: as known as a number can be."""
     n = len(baseline.parameters)
-    spread = {s: 1.0 for s in baseline.diagnostics.get("score_spread", {})}
-    known = {**baseline.diagnostics, "score_spread": spread}
-    return replace(baseline, covariance=(1e-12 * np.eye(n)).tolist(), diagnostics=known)
+    unsure = ("score_spread", "score_blocks")
+    scales = {q: {k: v for k, v in of.items() if k != "samples"} for q, of in baseline.innovation.items()}
+    known = {k: v for k, v in baseline.diagnostics.items() if k not in unsure}
+    return replace(baseline, covariance=(1e-12 * np.eye(n)).tolist(), diagnostics=known, innovation=scales)
 
 
 def watch(
