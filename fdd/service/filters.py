@@ -140,7 +140,7 @@ class FilterGroup:
         broken = stepping & (step.status >= BROKEN)
         self._last = np.where(stepping & ~broken, time, np.where(broken, NEVER, self._last))
         self._count(step.status[broken])
-        charted = running & ~broken & (time >= self._quiet) & ~self._bridging & fresh
+        charted = running & ~broken & (time >= self._quiet) & ~self._bridging
         self._bridging = np.where(stepping, ~fresh, self._bridging | ~has_inputs)
         seen = np.where(charted[:, None], step.standardised, np.nan)
         white = self._whitener.update(seen.ravel()).reshape(seen.shape)

@@ -67,10 +67,15 @@ class Run:
 def runs(plan: Plan, component: Component, history: History, shortest: int = 12) -> list[Run]:
     """Cut a history into runs without gaps, with the gate on; lost inputs are bridged, single ones or within ``hold``.
 
-    The engine can but hold them, or leave the step out, knowing nothing of what comes; here both ends are known.
+    The engine can but hold them, or leave the step out, knowing nothing of what comes; here both ends are known. Beyond
+    ``hold`` a bridge is a guess all the same: outputs beside it and of the step over it count as missing, as the engine
+    does not judge them. A flow that jumps there would be taken for noise.
     """
-    u = bridged(history.time, history.of(component.inputs), max(plan.hold, plan.step))
-    y = history.of(component.outputs)
+    inputs = history.of(component.inputs)
+    u = bridged(history.time, inputs, max(plan.hold, plan.step))
+    seen = np.isfinite(held(history.time, inputs, plan.hold)).all(axis=1, keepdims=True)
+    seen = seen & np.roll(seen, 1, axis=0)
+    y = np.where(seen, history.of(component.outputs), np.nan)
     off = np.zeros(len(history), dtype=np.bool_)
     if component.when:
         off = ~(history.of((component.when,))[:, 0] > 0.5)
