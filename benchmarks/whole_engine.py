@@ -30,7 +30,7 @@ from fdd.residual_monitors.budget import YEAR
 from fdd.service.alarms import Command
 from fdd.service.engine import Engine
 from fdd.service.filters import FilterGroup, GroupStep
-from fdd.service.granted import granted, physical
+from fdd.service.granted import granted
 from fdd.service.health_charts import KINDS
 from fdd.service.health_charts import SHARE as HEALTH_SHARE
 from fdd.service.history import History
@@ -178,7 +178,7 @@ def _learned(group: FilterGroup, steps: Sequence[GroupStep]) -> FilterGroup:
 
     The mean of normal parameters after a normal prior of mean 0 (Gelman et al. 2013, Bayesian Data Analysis, 3.5).
     """
-    at = physical(group)
+    at = group.physical
     charted = np.array([s.charted & np.isfinite(s.score).all(axis=1) for s in steps])
     score = np.array([s.score[:, at] for s in steps])
     information = np.array([s.information[:, at[:, None], at] for s in steps])

@@ -25,7 +25,7 @@ from fdd.residual_monitors.run_length import limit_for
 OUTLIER = 4.0
 """While the spread is learned, a block counts as at most this many standard deviations."""
 CHANCE = 1.645
-"""A variance above 1 by no more than so many of its standard errors is chance: one in twenty true models shows more."""
+"""What is off by no more than so many standard errors is chance: one in twenty true models shows more."""
 KNOWN = 10**9
 """Blocks behind a spread that is given without their number."""
 HOLD = 0.5

@@ -74,9 +74,10 @@ class FilterGroup:
         self._start_up = np.array([c.start_up for c in components], dtype=np.int64)
         self._hold, self._max_gap = hold, max_gap
         self._bank = FilterBank(self.model, self._parameters())
-        physical = sum(p.kind == "physical" for p in self.model.parameters)
+        # Positions of the physical parameters in the model.
+        self.physical: IntArray = np.flatnonzero([p.kind == "physical" for p in self.model.parameters])
         # Covariance of the physical parameters' errors; the score charts say what is known of it.
-        self.error = np.zeros((len(components), physical, physical))
+        self.error = np.zeros((len(components), self.physical.size, self.physical.size))
         self._whitener = _whitener(self.baselines, [o.symbol for o in self.model.outputs])
         n = len(components)
         self._last = np.full(n, NEVER, dtype=np.int64)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fdd.models.declare import Parameter
-from fdd.records import Baseline, FloatArray, IntArray
+from fdd.records import Baseline, FloatArray
 from fdd.service.filters import FilterGroup, GroupStep
 
 # Relative standard error granted to a physical parameter that was given and not fitted: a figure that is right to one
@@ -15,17 +15,12 @@ from fdd.service.filters import FilterGroup, GroupStep
 MODEL_ERROR = 0.01
 
 
-def physical(group: FilterGroup) -> IntArray:
-    """Positions of the physical parameters in the group's model."""
-    return np.flatnonzero([p.kind == "physical" for p in group.model.parameters])
-
-
 def granted(group: FilterGroup, baseline: Baseline) -> FloatArray:
     """Covariance of the physical parameters on the estimation scale: the fit's own, and what is granted to given ones.
 
     Where scores of the fit's own data vary more than their information says, the fit's errors are larger in proportion.
     """
-    at = physical(group)
+    at = group.physical
     parameters = [group.model.parameters[i] for i in at]
     own = np.zeros((len(at), len(at)))
     if baseline.covariance:
@@ -50,7 +45,7 @@ def shift_variance(group: FilterGroup, step: GroupStep, covariance: FloatArray) 
     ``covariance`` is that of the physical parameters, (n, p, p). Of a component with several outputs that of all
     together: which of them an error moves is not known here.
     """
-    at = physical(group)
+    at = group.physical
     information = np.nan_to_num(step.information[:, at[:, None], at])
     variance = np.einsum("njk,njk->n", information, covariance)
     return np.repeat(np.maximum(variance, 0.0), step.standardised.shape[1])
@@ -62,7 +57,7 @@ def relative_slopes(group: FilterGroup) -> FloatArray:
 
 
 def _relative_slopes(group: FilterGroup, baseline: Baseline) -> FloatArray:
-    parameters = [group.model.parameters[i] for i in physical(group)]
+    parameters = [group.model.parameters[i] for i in group.physical]
     return np.array([_relative_slope(p, baseline.parameters[p.symbol]) for p in parameters])
 
 

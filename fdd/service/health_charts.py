@@ -28,6 +28,7 @@ from fdd.residual_monitors.autocorrelation import Autocorrelation
 from fdd.residual_monitors.chart import Phase, Verdicts
 from fdd.residual_monitors.dispersion import Dispersion
 from fdd.residual_monitors.periodogram import Periodogram
+from fdd.residual_monitors.score import CHANCE
 from fdd.residual_monitors.window import FILLING, blocks
 from fdd.service.alarms import MODEL
 from fdd.service.chart_family import BoolArray, FamilyKind, Stream
@@ -50,8 +51,6 @@ SCALE = 2
 FEWEST = 6
 # One wild value is a matter for the charts of the plant.
 OUTLIER = 5.0
-# So many standard errors are chance: one in twenty shows more.
-CHANCE = 1.645
 # Relative standard deviation from day to day of the innovations' variance, beyond chance, that is no fault of a model.
 STEADY = 0.035
 # Variance of the innovations' means by what parameters may be off by; colour of so little does not show in a day.

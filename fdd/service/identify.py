@@ -13,6 +13,7 @@ from fdd.greybox.likelihood import Data
 from fdd.greybox.results import FitResult
 from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
 from fdd.residual_monitors.information import inverse
+from fdd.residual_monitors.score import CHANCE
 from fdd.residual_monitors.together import share_of_alarms
 from fdd.residual_monitors.whiten import Whitener
 from fdd.service.filters import FilterGroup, GroupStep
@@ -37,8 +38,6 @@ WINDOW = 12
 QUANTILE = 0.95
 # Interquartile range of a standard normal, and the standard error of one from n values times sqrt(n), relative.
 IQR, QUARTILES_ERROR = 1.349, 1.166
-# So many standard errors are chance: one in twenty shows more.
-CHANCE = 1.645
 # A spread from fewer blocks would say more of chance than of the model.
 FEWEST_BLOCKS = 8
 

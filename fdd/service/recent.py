@@ -14,7 +14,7 @@ import numpy as np
 from fdd.diagnosis.departure import Departure, Operation
 from fdd.records import NANOSECONDS, FloatArray, IntArray, JsonObject
 from fdd.service.filters import FilterGroup, GroupStep
-from fdd.service.granted import granted, physical, spread_of
+from fdd.service.granted import granted, spread_of
 
 BLOCK = 6 * 3600 * NANOSECONDS
 BLOCKS = 40
@@ -33,7 +33,7 @@ class RecentGroup:
 
     def __init__(self, group: FilterGroup) -> None:
         self.group = group
-        self._physical = physical(group)
+        self._physical = group.physical
         n, p, y = len(group.components), len(self._physical), len(group.model.outputs)
         self._block = np.full(BLOCKS, NEVER, dtype=np.int64)
         self._score = np.zeros((n, BLOCKS, p))

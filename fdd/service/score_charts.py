@@ -12,7 +12,7 @@ from fdd.residual_monitors.predictive import widened
 from fdd.residual_monitors.score import KNOWN, Score
 from fdd.service.chart_family import BoolArray, FamilyKind, Stream
 from fdd.service.filters import FilterGroup, GroupStep
-from fdd.service.granted import granted, physical, relative_slopes
+from fdd.service.granted import granted, relative_slopes
 from fdd.service.plan import Component, Plan
 
 # An innovation of so many standard deviations is a broken signal and says nothing of a parameter.
@@ -33,7 +33,7 @@ class ScoreCharts:
     def __init__(self, index: int, group: FilterGroup, plan: Plan, arl: dict[str, float]) -> None:
         self._index, self._group = index, group
         parameters = group.model.parameters
-        self._physical = physical(group)
+        self._physical = group.physical
         self._symbols = [parameters[i].symbol for i in self._physical]
         self._log = [parameters[i].transform == "log" for i in self._physical]
         self.streams = tuple(
@@ -166,7 +166,7 @@ def _carried(group: FilterGroup, component: Component) -> float:
 
 
 def _build(plan: Plan, groups: Sequence[FilterGroup], arl: dict[str, float]) -> list[ScoreCharts]:
-    return [ScoreCharts(i, g, plan, arl) for i, g in enumerate(groups) if physical(g).size]
+    return [ScoreCharts(i, g, plan, arl) for i, g in enumerate(groups) if g.physical.size]
 
 
 SCORES = FamilyKind(_carried, _build)
