@@ -3,8 +3,8 @@
     python -m benchmarks.alarms [--quick] [--json] [--years FILE ...]
 
 Each section returns its figures and what the context should say; a new one is one more function in ``SECTIONS``. Of
-fault-free operation the engine's own section is a sample; ``--years`` adds up the plant-years that
-``python -m benchmarks.fault_free_years --to FILE`` has watched.
+fault-free operation the engine's own section is a sample. Figures named ``years_...`` are not measured by this run:
+they add up the plant-years that ``python -m benchmarks.fault_free_years --to FILE`` has watched in an hour or two.
 """
 
 from __future__ import annotations
@@ -36,7 +36,9 @@ from fdd.residual_monitors.chart import Chart, Feed, Phase
 from fdd.residual_monitors.registry import charts, make, warm_up
 from fdd.residual_monitors.run_length import Rule, arl, limit_for
 
-ORACLE = Path(__file__).resolve().parents[1] / "tests" / "oracle"
+ROOT = Path(__file__).resolve().parents[1]
+ORACLE = ROOT / "tests" / "oracle"
+YEARS = ROOT / "docs" / "benchmarks" / "fault-free-years.jsonl"
 Figures = dict[str, dict[str, Any]]
 Section = Callable[[bool, Console], tuple[Figures, dict[str, Any]]]
 SEED = 11
@@ -271,21 +273,22 @@ def watched_years(paths: Sequence[Path]) -> tuple[Figures, dict[str, Any]]:
     """Plant-years of fault-free operation that were watched before, added up."""
     records = [json.loads(line) for path in paths for line in path.read_text().splitlines()]
     figures = {f"years_{name}": found for name, found in fault_free_years.figures_of(records).items()}
-    return figures, {"years": {"seeds": [r["seed"] for r in records], "plants": [r["plants"] for r in records]}}
+    about = {key: [r[key] for r in records] for key in ("seed", "plants", "years")}
+    return figures, {"years": {"watched before": [path.name for path in paths]} | about}
 
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="the same figures on a smaller sample, under 50 s")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--years", type=Path, nargs="+", help="files with plant-years of fault-free operation")
+    parser.add_argument("--years", type=Path, nargs="+", default=[YEARS], help="files with plant-years watched before")
     return parser.parse_args()
 
 
 def main() -> None:
     given = arguments()
     console = Console(stderr=True, quiet=given.json)
-    figures, about = watched_years(given.years) if given.years else ({}, {})
+    figures, about = watched_years(given.years)
     about |= {"seed": SEED, "quick": given.quick}
     warm_up()
     for section in SECTIONS:
