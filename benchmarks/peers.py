@@ -29,6 +29,8 @@ YEAR = 105_192
 """Five-minute samples a year."""
 BASELINE = 8 * 2016
 """Eight weeks of healthy samples for those that learn."""
+WHOLE, QUICK = (5.0, 15), (1.0, 3)
+"""Healthy years, and cases a shift."""
 Ring = Callable[[FloatArray, FloatArray], list[int]]
 
 
@@ -220,7 +222,7 @@ def main() -> None:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--plot", type=Path, help="write delay against false alarms here: .svg or .png")
     given = parser.parse_args()
-    years, cases = (1.0, 3) if given.quick else (3.0, 12)
+    years, cases = QUICK if given.quick else WHOLE
     table = compare((0.0, 0.3), years, cases, 11)
     if given.plot:
         plot(table, years, given.plot)
