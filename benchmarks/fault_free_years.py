@@ -34,6 +34,7 @@ from fdd.service.engine import Engine
 Record = dict[str, Any]
 DAYS = 364.0
 SETS = ("fitted", "known", "model_off", "default")
+DEFAULT_BUDGET = 2.0  # of a default site
 # A year of houses is a batch; more of them make a step cheaper, and a run longer than its minutes.
 PLANTS = 20
 # Plant-years a set that a promise is judged by.
@@ -60,7 +61,7 @@ def batch(seed: int, plants: int, days: float, sets: Sequence[str], budget: floa
     tables = baselines_of(fleet, sets, seed)
     budgets = dict.fromkeys(sets, budget)
     if "default" in budgets:
-        budgets["default"] = whole_engine.BUDGET["default"]
+        budgets["default"] = DEFAULT_BUDGET
     engine = whole_engine.engine_of(fleet, tables, budgets)
     rang: dict[str, Counter[str]] = {which: Counter() for which in sets}
     begun, frames = time.process_time(), 0
@@ -93,6 +94,11 @@ def batch(seed: int, plants: int, days: float, sets: Sequence[str], budget: floa
 
 def _restarts(engine: Engine) -> dict[str, int]:
     return {k: v for k, v in engine.counts.items() if k.startswith("restart") and v}
+
+
+def read(paths: Sequence[Path]) -> list[Record]:
+    """Records that earlier runs have written."""
+    return [json.loads(line) for path in paths for line in path.read_text().splitlines()]
 
 
 def figures_of(records: Sequence[Record]) -> dict[str, dict[str, Any]]:
@@ -161,10 +167,7 @@ def run(given: argparse.Namespace, console: Console) -> list[Record]:
 def main() -> None:
     given = arguments()
     console = Console(stderr=True, quiet=given.json)
-    if given.pool:
-        records = [json.loads(line) for path in given.pool for line in path.read_text().splitlines()]
-    else:
-        records = run(given, console)
+    records = read(given.pool) if given.pool else run(given, console)
     charts: Counter[str] = Counter()
     for r in records:
         charts.update(r["charts"])

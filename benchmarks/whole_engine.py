@@ -13,7 +13,6 @@ Alarms are cleared as soon as they are seen, so that rates can be counted; each 
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,7 +21,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from fdd.plant.district import TRUTH
-from fdd.plant.faults import PlantFault
 from fdd.plant.scenario import Scenario, pieces
 from fdd.plant.site import demo_site
 from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, FloatArray, IntArray
@@ -43,7 +41,6 @@ from fdd.service.still_charts import used as still_used
 
 LEARNING = 28.0  # days
 SAMPLES_A_DAY = 288
-BUDGET = {"known": 60.0, "fitted": 60.0, "model_off": 60.0, "default": 2.0}
 MODEL_ERROR = 0.01
 LOST, SILENCES, SILENCE = 0.005, 12.0, (0.2, 12.0)  # share of samples; a year; shortest and longest [h]
 ROWS = 72  # frames a batch
@@ -67,32 +64,19 @@ class Fleet:
         """Frames that baselines may see."""
         return round(LEARNING * SAMPLES_A_DAY)
 
-    def watched(self) -> float:
-        """Years of each plant that are watched."""
-        return (len(self.time) - self.learning) * self.plan.step / NANOSECONDS / YEAR
-
     def history(self, plant: int) -> History:
         """The learning weeks of one plant."""
         values = self.plan.derive(self.values[: self.learning, plant])
         return History(self.plan.columns, self.time[: self.learning], values)
 
 
-@dataclass(frozen=True)
-class Count:
-    """Alarms of a set of filters, by kind of chart, and what was promised in the same time."""
-
-    alarms: Counter[str]
-    promised: dict[str, float]
-
-
-def simulated(plants: int, days: float, seed: int, faults: Sequence[Sequence[PlantFault]] = ()) -> Fleet:
-    """Simulate a fleet; ``faults`` has those of each plant, counted from the first sample."""
+def simulated(plants: int, days: float, seed: int) -> Fleet:
+    """Simulate a fleet without faults."""
     with TemporaryDirectory() as folder:
         plan = open_site(demo_site(Path(folder))).plan
     tables, time = [], np.empty(0, dtype=np.int64)
     for plant in range(plants):
-        own = tuple(faults[plant]) if faults else ()
-        parts = list(pieces(Scenario(days=days, seed=1000 * seed + plant, faults=own)))
+        parts = list(pieces(Scenario(days=days, seed=1000 * seed + plant)))
         time = np.concatenate([p.time for p in parts])
         values = np.concatenate([p.values for p in parts])
         tables.append(_lossy(values, np.random.default_rng([seed, plant])))
@@ -237,7 +221,7 @@ def batches(fleet: Fleet, start: int) -> Iterator[Batch]:
         yield Batch.of_table(names, fleet.time[first : first + ROWS], values)
 
 
-def watching(fleet: Fleet, engine: Engine, *, clear: bool = True) -> Iterator[tuple[int, list[Alarm]]]:
+def watching(fleet: Fleet, engine: Engine) -> Iterator[tuple[int, list[Alarm]]]:
     """Frames watched so far and the alarms first seen since the last step; alarms are cleared as soon as they are."""
     seen: set[str] = set()
     frames = 0
@@ -245,15 +229,10 @@ def watching(fleet: Fleet, engine: Engine, *, clear: bool = True) -> Iterator[tu
         said = engine.step(batch)
         new = {a.key: a for a in said.alarms if a.key not in seen}
         seen |= set(new)
-        while clear and engine.alarms.open:  # one of the plant takes that of its model with it
+        while engine.alarms.open:  # one of the plant takes that of its model with it
             engine.command(Command(engine.alarms.open[0].key, "clear", "benchmark", 0))
         frames += said.frames
         yield frames, list(new.values())
-
-
-def watch(fleet: Fleet, engine: Engine, *, clear: bool = True) -> list[Alarm]:
-    """Every alarm of the whole run as it was first seen."""
-    return [alarm for _, new in watching(fleet, engine, clear=clear) for alarm in new]
 
 
 def promises(fleet: Fleet, table: Sequence[dict[str, Baseline]], budget: float) -> dict[str, float]:
@@ -274,20 +253,6 @@ def promises(fleet: Fleet, table: Sequence[dict[str, Baseline]], budget: float) 
             for kind, share in (("cusum", cusum), ("score", plain - cusum), ("still", still)):
                 shares[kind] += share / (n * len(table))
     return shares
-
-
-def counts(
-    fleet: Fleet, sets: dict[str, list[dict[str, Baseline]]], budget: dict[str, float], alarms: Sequence[Alarm]
-) -> dict[str, Count]:
-    """Alarms and promises of every set by kind of chart over the whole run."""
-    years = fleet.plants * fleet.watched()
-    found = {}
-    for which, table in sets.items():
-        own = Counter(kind_of_chart(a) for a in alarms if a.component.startswith(f"{which}/"))
-        found[which] = Count(
-            own, {k: v * budget[which] * years for k, v in promises(fleet, table, budget[which]).items()}
-        )
-    return found
 
 
 def kind_of_chart(alarm: Alarm) -> str:
