@@ -41,6 +41,18 @@ def of_model(alarm: Alarm) -> Alarm:
     )
 
 
+def undiagnosed(alarm: Alarm, error: Exception) -> Alarm:
+    """The alarm where its diagnosis failed: what was known before stands, and why there is nothing new."""
+    why = f"not diagnosed, because of {type(error).__name__}: {error}"
+    known = alarm.summary.partition(" (not diagnosed, ")[0]
+    said = known or f"{alarm.component}: {', '.join(alarm.evidence['charts'])} rang"
+    return replace(
+        alarm,
+        summary=f"{said} ({why})",
+        evidence={**alarm.evidence, "not_diagnosed": why},
+    )
+
+
 def without_frozen(alarm: Alarm) -> Alarm:
     """The alarm without charts of frozen readings, for a ranking by parameters and innovations."""
     charts = {name: c for name, c in alarm.evidence["charts"].items() if not name.endswith(STILL)}

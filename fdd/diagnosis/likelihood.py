@@ -90,10 +90,21 @@ class Vector:
 
 
 def log_density(x: FloatArray, covariance: FloatArray) -> float:
-    """Of a normal vector around zero."""
-    root = np.linalg.cholesky(covariance)
-    white = np.linalg.solve(root, x)
-    return float(-0.5 * white @ white - np.log(np.diagonal(root)).sum())
+    """Of a normal vector around zero.
+
+    Parameters whose scores differ by many orders of magnitude leave a covariance that is positive definite on paper and
+    not in doubles: it is taken as a correlation, and directions below rounding are held at rounding.
+    """
+    sd = np.sqrt(np.diagonal(covariance))
+    correlation, z = covariance / np.outer(sd, sd), x / sd
+    try:
+        root = np.linalg.cholesky(correlation)
+        white, half = np.linalg.solve(root, z), float(np.log(np.diagonal(root)).sum())
+    except np.linalg.LinAlgError:
+        variance, axes = np.linalg.eigh((correlation + correlation.T) / 2)
+        variance = np.maximum(variance, len(x) * np.finfo(np.float64).eps * variance[-1])
+        white, half = (axes.T @ z) / np.sqrt(variance), float(np.log(variance).sum() / 2)
+    return float(-0.5 * white @ white - half - np.log(sd).sum())
 
 
 def judge(h: Hypothesis, vector: Vector) -> Judged:

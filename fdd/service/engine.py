@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fdd.diagnosis.cost import daily_cost, with_cost
 from fdd.diagnosis.departure import Departure
-from fdd.diagnosis.health import of_model, with_frozen, without_frozen
+from fdd.diagnosis.health import of_model, undiagnosed, with_frozen, without_frozen
 from fdd.diagnosis.ranking import diagnose
 from fdd.records import NANOSECONDS, Alarm, AlarmState, Baseline, Batch, FloatArray, JsonObject, Rows, concatenate
 from fdd.residual_monitors.chart import Phase
@@ -27,7 +27,7 @@ from fdd.service.kept import kept
 from fdd.service.plan import Chiller, Component, Plan
 from fdd.service.recent import Recent
 
-SCHEMA = 9
+SCHEMA = 10
 DAY = 86400 * NANOSECONDS
 REMEMBERED = 9 * DAY  # how long after its onset an alarm is diagnosed anew every day
 _NONE = np.empty(0)  # what a site without filters concatenates
@@ -68,6 +68,7 @@ class Engine:
         self._time: int | None = None
         # Frames in which charts could judge, each counted by their share; a score chart that learns may ring, too.
         self._judged = 0.0
+        self._undiagnosed: dict[str, int] = {}
 
     @property
     def watched(self) -> list[Component | Chiller]:
@@ -81,7 +82,7 @@ class Engine:
         for g in self._groups:
             for reason, n in g.restarts.items():
                 restarts[f"restart: {reason}"] = restarts.get(f"restart: {reason}", 0) + n
-        return {**self._framer.counts, **restarts, **self._chillers.counts}
+        return {**self._framer.counts, **restarts, **self._chillers.counts, **self._undiagnosed}
 
     @property
     def phases(self) -> dict[str, int]:
@@ -239,6 +240,19 @@ class Engine:
         ]
 
     def _diagnosed(self, alarm: Alarm) -> Alarm:
+        """The alarm with its causes; a diagnosis that fails is counted and said, and never loses the alarm."""
+        known = {k: v for k, v in alarm.evidence.items() if k != "not_diagnosed"}
+        try:
+            alarm = self._explained(replace(alarm, evidence=known))
+        except Exception as error:  # whatever went wrong in explaining, the plant's alarm goes out
+            what = f"not diagnosed: {alarm.component} ({type(error).__name__})"
+            self._undiagnosed[what] = self._undiagnosed.get(what, 0) + 1
+            alarm = undiagnosed(alarm, error)
+        if self.alarms.of(alarm.component, kind_of(alarm)):
+            self.alarms.annotate(alarm)
+        return alarm
+
+    def _explained(self, alarm: Alarm) -> Alarm:
         if alarm.component in self._chillers:
             alarm = self._chillers.explain(alarm)
         elif kind_of(alarm) == MODEL:
@@ -258,8 +272,6 @@ class Engine:
                 checks=finding.checks,
             )
             alarm = with_frozen(alarm)
-        if self.alarms.of(alarm.component, kind_of(alarm)):
-            self.alarms.annotate(alarm)
         return alarm
 
     def _sample_rows(self, frames: Frames, values: FloatArray) -> Rows:
@@ -312,6 +324,7 @@ class Engine:
             "schema": SCHEMA,
             "time": self._time,
             "judged": self._judged,
+            "undiagnosed": dict(self._undiagnosed),
             "baselines": [{f: getattr(b, f) for f in Baseline.__slots__} for b in self._baselines.values()],
             "framer": self._framer.export_state(),
             "groups": [g.export_state() for g in self._groups],
@@ -341,6 +354,7 @@ class Engine:
         saved_baselines = {d["component"]: Baseline(**d) for d in state["baselines"]}
         self.rebase({n: b for n, b in saved_baselines.items() if b.version != self._baselines[n].version})
         self._time, self._judged = state["time"], state["judged"]
+        self._undiagnosed = dict(state["undiagnosed"])
         self._framer.restore_state(state["framer"])
         for group, saved_group in zip(self._groups, state["groups"], strict=True):
             group.restore_state(saved_group)

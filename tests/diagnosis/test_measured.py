@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fdd.diagnosis.departure import Departure
+from fdd.diagnosis.likelihood import log_density
 from fdd.diagnosis.measured import measured_causes
 from fdd.models.declare import ComponentModel
 from fdd.models.registry import get_model
@@ -119,3 +120,20 @@ def test_signatures_of_another_form_of_the_model_are_not_used() -> None:
         assert len(names) == len(set(names)) == 5, nodes
     model = get_model("zone", nodes="TiTh")
     assert not any(h.measured for h in hypotheses(model, tuple(p.symbol for p in model.parameters)))
+
+
+def test_a_covariance_indefinite_by_rounding_alone_is_judged() -> None:
+    rng = np.random.default_rng(0)
+    wide = rng.standard_normal((40, 3)) * 1e9
+    covariance = wide @ wide.T + np.eye(40)
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.cholesky(covariance)
+    along, across = wide[:, 0], np.full(40, 1e8)
+    assert log_density(along, covariance) > log_density(across, covariance)
+
+
+def test_density_is_that_of_the_normal_distribution() -> None:
+    rng = np.random.default_rng(1)
+    root, white = rng.standard_normal((12, 12)) * np.geomspace(1e-3, 1e3, 12)[:, None], rng.standard_normal(12)
+    exact = -0.5 * white @ white - np.linalg.slogdet(root)[1]
+    assert log_density(root @ white, root @ root.T) == pytest.approx(exact, rel=1e-6)

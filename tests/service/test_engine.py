@@ -195,3 +195,19 @@ def test_state_of_a_component_is_small_whatever_the_step(seconds: int) -> None:
     p = replace(p, step=seconds * NANOSECONDS, components=rooms)
     e = Engine(p, {c.name: replace(known[c.name.rstrip("0123456789")], component=c.name) for c in rooms})
     assert len(encode(e.export_state())) / len(rooms) < 20_000
+
+
+def test_a_diagnosis_that_fails_is_counted_and_loses_no_alarm(faulty: Truth, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise np.linalg.LinAlgError("Matrix is not positive definite")
+
+    told = Engine(plan(), baselines()).step(faulty.batch()).alarms
+    monkeypatch.setattr("fdd.service.engine.diagnose", fails)
+    engine = Engine(plan(), baselines())
+    got = engine.step(faulty.batch()).alarms
+    assert [(a.key, a.state, a.raised) for a in got] == [(a.key, a.state, a.raised) for a in told]
+    assert "not diagnosed, because of LinAlgError: Matrix is not positive definite" in got[-1].summary
+    assert engine.counts["not diagnosed: south (LinAlgError)"] == len(got)
+    again = Engine(plan(), baselines())
+    again.restore_state(engine.export_state())
+    assert again.counts == engine.counts
