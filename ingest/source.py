@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.metadata import entry_points
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
@@ -47,6 +48,7 @@ class Source(Protocol):
     """A stream of batches that can be resumed."""
 
     options: ClassVar[type[SourceOptions]]
+    """Its keys. A source that needs what is not always installed lists the modules as ``needs``."""
 
     def configure(self, options: Any, context: Context) -> None:
         """Check values; touches no network and no file. Raises Refused."""
@@ -96,6 +98,7 @@ def register(kind: str, place: str) -> None:
 
 for _kind, _place in {
     "csv": "ingest.csv:CsvSource",
+    "excel": "ingest.csv:ExcelSource",
     "parquet": "ingest.csv:ParquetSource",
     "zenoh": "ingest.zenoh:ZenohSource",
     "mqtt": "ingest.mqtt:MqttSource",
@@ -127,6 +130,18 @@ def source_class(kind: str) -> type[Source]:
     except ImportError as error:
         raise Refused(f"source kind {kind!r} cannot be used here ({error}); install what it needs") from error
     return found
+
+
+def missing_modules(kind: str) -> list[str]:
+    """Modules that a kind needs and that are not installed here."""
+    return [m for m in getattr(source_class(kind), "needs", ()) if not _installed(m)]
+
+
+def _installed(module: str) -> bool:
+    try:
+        return find_spec(module) is not None
+    except ModuleNotFoundError:  # a package above it is not there
+        return False
 
 
 def options_type(kind: str) -> type[SourceOptions]:

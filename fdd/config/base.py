@@ -61,7 +61,7 @@ class Strict(BaseModel):
 class SourceOptions(Strict):
     """What every source has; each kind adds its own keys next to its code."""
 
-    kind: str = Field(description="which kind of source: csv, parquet, zenoh, mqtt, bacnet, plant")
+    kind: str = Field(description="which kind of source: csv, excel, parquet, zenoh, mqtt, bacnet, plant")
     name: str = Field(default="", description="name of this source where there are several; defaults to its kind")
 
     @property

@@ -15,6 +15,7 @@ from fdd.config.base import ConfigError, SourceOptions, suggestion
 from fdd.config.schema import Site
 
 Loc = tuple[str | int, ...]
+_SUFFIXES = {"parquet": {".parquet", ".pq"}, "excel": {".xlsx", ".xls", ".xlsm", ".xlsb", ".ods"}}
 
 
 def load_site(path: Path | str) -> Site:
@@ -56,13 +57,13 @@ def parse_site(text: str, *, folder: Path | None = None, file: str = "") -> Site
 
 
 def with_data(site: Site, path: Path | str) -> Site:
-    """The same site fed from a file instead of its own sources: CSV or Parquet by the file's name.
+    """The same site fed from a file instead of its own sources: CSV, workbook or Parquet by the file's name.
 
     A file source in the site keeps its options (time format, missing values) and takes the new path.
     """
     from ingest.source import options_type
 
-    kind = "parquet" if ".parquet" in Path(path).suffixes or Path(path).suffix == ".pq" else "csv"
+    kind = next((k for k, suffixes in _SUFFIXES.items() if Path(path).suffix.lower() in suffixes), "csv")
     own = next((s for s in site.sources if s.kind == kind), None)
     path = Path(path).resolve()
     options = (

@@ -18,7 +18,7 @@ from ingest.source import Context, NotReady, Source, make_source
 
 log = structlog.get_logger()
 
-FILES = ("csv", "parquet")
+FILES = ("csv", "excel", "parquet")
 RETRY_SECONDS = 5.0
 SLICE = 20_000
 

@@ -25,6 +25,7 @@ class BacnetSource:
     """Present values of objects named ``device/analog-input,3`` in the points' ``column``."""
 
     options: ClassVar[type[SourceOptions]] = BacnetOptions
+    needs: ClassVar[tuple[str, ...]] = ("bacpypes3",)
 
     def __init__(self, now: Callable[[], int] = clock.time_ns) -> None:
         """``now``: wall clock [ns]; BACnet values carry no time."""

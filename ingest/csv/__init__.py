@@ -1,7 +1,17 @@
-"""Replay of CSV and Parquet files."""
+"""Replay of files: CSV, workbooks and Parquet."""
 
-from ingest.csv.options import CsvOptions, LongOptions, ParquetOptions, TimeOptions
+from ingest.csv.excel import ExcelSource
+from ingest.csv.options import CsvOptions, ExcelOptions, LongOptions, ParquetOptions, TimeOptions
 from ingest.csv.parquet import ParquetSource
 from ingest.csv.source import CsvSource
 
-__all__ = ["CsvOptions", "CsvSource", "LongOptions", "ParquetOptions", "ParquetSource", "TimeOptions"]
+__all__ = [
+    "CsvOptions",
+    "CsvSource",
+    "ExcelOptions",
+    "ExcelSource",
+    "LongOptions",
+    "ParquetOptions",
+    "ParquetSource",
+    "TimeOptions",
+]

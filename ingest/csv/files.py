@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 
-from fdd.records import Batch, JsonObject
+from fdd.records import Batch, IntArray, JsonObject
 from ingest.csv.localtime import Clock
 from ingest.csv.options import FileOptions
 from ingest.csv.table import Table
@@ -24,7 +24,7 @@ class FileSource(ABC):
     def __init__(self) -> None:
         self._counts: dict[str, int] = {}
         self._notes: list[str] = []
-        self._position: JsonObject = {"file": 0, "line": 0, "row": 0, "previous": {}}
+        self._position: JsonObject = {"file": 0, "line": 0, "row": 0, "before": 0, "previous": {}}
         self._paths: list[Path] = []
         self._stopped = False
 
@@ -69,7 +69,14 @@ class FileSource(ABC):
                 yield batch
                 if self._stopped:
                     return
-            self._position = {**self._position, "file": self._position["file"] + 1, "line": 0, "row": 0}
+            before = self._position["before"] + self._position["row"]
+            self._position = {
+                **self._position,
+                "file": self._position["file"] + 1,
+                "line": 0,
+                "row": 0,
+                "before": before,
+            }
 
     @abstractmethod
     def _check(self, path: Path) -> None:
@@ -83,7 +90,12 @@ class FileSource(ABC):
         return Table(header, self._options, self._clock, self._context.columns, path.name, self._counts)
 
     def _after(self, line: int, row: int) -> JsonObject:
-        return {"file": self._position["file"], "line": line, "row": row, "previous": dict(self._clock.previous)}
+        here = {"file": self._position["file"], "before": self._position["before"]}
+        return {**here, "line": line, "row": row, "previous": dict(self._clock.previous)}
+
+    def _numbered(self, rows: IntArray) -> IntArray:
+        """Rows of the file at hand, numbered through all files: those without a time column follow one another."""
+        return rows + int(self._position["before"])
 
     def _count(self, reason: str, number: int, note: str = "") -> None:
         if number:

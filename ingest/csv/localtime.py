@@ -17,6 +17,12 @@ ALL = ""  # key of the one series of a wide file
 NOT_A_TIME = np.iinfo(np.int64).min
 _UNITS = {"ns": 1, "us": 10**3, "ms": 10**6, "s": 10**9, "min": 60 * 10**9, "h": 3600 * 10**9, "d": 86400 * 10**9}
 _YEAR_FIRST = re.compile(r"\s*\d{4}[-/.]?\d{2}")
+_NUMERIC = re.compile(
+    r"(?P<a>\d{1,2})(?P<sign>[./-])(?P<b>\d{1,2})(?P=sign)(?P<year>\d{4}|\d{2})"
+    r"(?:[ T,]+(?P<hour>\d{1,2})[:.](?P<minute>\d{2})(?:[:.](?P<second>\d{2}(?:[.,]\d+)?))?)?"
+    r"\s*(?P<half>[AaPp])?(?:\.?[Mm]\.?)?\s*(?P<zone>Z|[+-]\d{2}:?\d{2})?"
+)
+"""A date of day, month and year in numbers, with or without a time: 13/02/2026 14:05, 2.13.26 2:05:10 PM."""
 
 
 @dataclass
@@ -60,11 +66,10 @@ class Clock:
             raise Refused(f"{key}: {text!r} is no time ({error}); write it like 2024-02-05 14:26") from None
         return int(local.tz_convert("UTC").as_unit("ns").value)
 
-    def stepped(self, first_row: int, rows: int) -> IntArray:
-        """Times of rows in a file without a time column."""
+    def stepped(self, rows: IntArray) -> IntArray:
+        """Times of rows without a time column, numbered from the first row of the first file."""
         start = self.moment(self.options.start or "", "time.start")
-        step = round((self.options.step or 0.0) * 10**9)
-        return start + (first_row + np.arange(rows, dtype=np.int64)) * step
+        return start + rows * round((self.options.step or 0.0) * 10**9)
 
     def written(self, text: pd.Series, series: NDArray[np.object_] | None = None) -> IntArray:
         """Times of a text column; NOT_A_TIME where rejected. ``series`` names the point of each row in long files."""
@@ -83,12 +88,47 @@ class Clock:
                 zoned = "%z" in self.options.format
                 return pd.to_datetime(text, format=self.options.format, errors="coerce", utc=zoned)
             if self.options.day_first is not None:
-                return pd.to_datetime(text, format="mixed", dayfirst=self.options.day_first, errors="coerce")
-            self._require_year_first(text)
+                text = self._year_first(text, self.options.day_first)
+            else:
+                self._require_year_first(text)
             zoned = bool(text.str.contains(r"(?:Z|[+-]\d{2}:?\d{2})$", regex=True).any())
             return pd.to_datetime(text, format="ISO8601", errors="coerce", utc=zoned)
         except ValueError as error:
             raise Refused(f"time {text.iloc[0]!r} is not understood ({error}); give time.format") from None
+
+    def _year_first(self, text: pd.Series, day_first: bool) -> pd.Series:
+        """Dates in numbers as ISO texts, in the declared order and no other; other texts as they are.
+
+        Raises
+        ------
+        Refused : most dates that tell the two orders apart say the other one.
+        """
+        part = text.str.extract(f"^{_NUMERIC.pattern}$")
+        numeric = part["a"].notna()
+        if not numeric.any():
+            return text
+        part = part[numeric]
+        day, month = (part["a"], part["b"]) if day_first else (part["b"], part["a"])
+        self._refuse_other_order(text[numeric], day.astype(int), month.astype(int), day_first)
+        year = part["year"].where(part["year"].str.len() == 4, "20" + part["year"])
+        hour = part["hour"].fillna("0").astype(int)
+        half = part["half"].str.lower()
+        hour = hour.where(half.isna(), hour % 12 + 12 * (half == "p"))
+        second = part["second"].fillna("00").str.replace(",", ".")
+        clock = hour.astype(str).str.zfill(2) + ":" + part["minute"].fillna("00") + ":" + second
+        iso = year + "-" + month.str.zfill(2) + "-" + day.str.zfill(2) + " " + clock + part["zone"].fillna("")
+        return text.where(~numeric, iso.reindex(text.index))
+
+    @staticmethod
+    def _refuse_other_order(text: pd.Series, day: pd.Series, month: pd.Series, day_first: bool) -> None:
+        other = (month > 12) & (day <= 12)
+        if other.sum() > ((day > 12) & (month <= 12)).sum():
+            declared, opposite = str(day_first).lower(), str(not day_first).lower()
+            raise Refused(
+                f"time {text[other].iloc[0]!r} has no month {month[other].iloc[0]} as day_first: {declared} reads it, "
+                f"and {int(other.sum())} of {len(text)} rows are like it; "
+                f"set time.day_first: {opposite}, or give time.format"
+            )
 
     @staticmethod
     def _require_year_first(text: pd.Series) -> None:

@@ -1,4 +1,4 @@
-"""Keys of the ``csv`` and ``parquet`` sources."""
+"""Keys of the ``csv``, ``excel`` and ``parquet`` sources."""
 
 from __future__ import annotations
 
@@ -101,3 +101,11 @@ class ParquetOptions(FileOptions):
     """A Parquet file."""
 
     kind: Literal["parquet"] = Field(description="parquet")
+
+
+class ExcelOptions(FileOptions):
+    """A sheet of a workbook: .xlsx, .xls, .xlsb or .ods."""
+
+    kind: Literal["excel"] = Field(description="excel")
+    sheet: str | int = Field(default=0, description="name or number (from 0) of the sheet")
+    skip_rows: int = Field(default=0, ge=0, description="rows before the header")

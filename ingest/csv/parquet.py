@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
 import pandas as pd
 import pyarrow.parquet
 
@@ -44,4 +45,5 @@ class ParquetSource(FileSource):
                 continue
             frame: pd.DataFrame = chunk.slice(skip).to_pandas(ignore_metadata=True)
             frame = frame[names].set_axis(table.needed, axis=1)
-            yield replace(table.batch(frame, row - len(frame)), position=self._after(row, row))
+            rows = self._numbered(np.arange(row - len(frame), row, dtype=np.int64))
+            yield replace(table.batch(frame, rows), position=self._after(row, row))

@@ -12,11 +12,13 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, ClassVar, TextIO, cast
 
+import numpy as np
 import pandas as pd
 
 from fdd.config.base import SourceOptions
-from fdd.records import Batch, Quality
+from fdd.records import Batch, IntArray, Quality
 from ingest.csv.files import FileSource
+from ingest.csv.nature import REMEDIES, nature
 from ingest.csv.options import CsvOptions
 from ingest.csv.table import NO_VALUE, Table, table_options
 from ingest.source import Refused
@@ -39,6 +41,7 @@ class CsvSource(FileSource):
         return cast(TextIO, opener(path, "rt", encoding=encoding, errors=errors, newline=None))
 
     def _check(self, path: Path) -> None:
+        self._require_text(path)
         try:
             with self._open_text(path, "strict") as file:
                 self._head(file, path)
@@ -48,6 +51,14 @@ class CsvSource(FileSource):
             ) from None
         except (OSError, EOFError) as error:
             raise Refused(f"{path.name} cannot be read ({error})") from None
+
+    def _require_text(self, path: Path) -> None:
+        found, zipped = nature(path), path.suffix == ".gz"
+        if found == ("gzip" if zipped else "text") or found == self._csv.encoding.lower():
+            return
+        if zipped:
+            raise Refused(f"{path.name} is not compressed, though its name says so; rename it")
+        raise Refused(f"{path.name} is no CSV: {REMEDIES[found]}")
 
     def _head(self, file: TextIO, path: Path) -> tuple[Table, str, int]:
         """The table, its delimiter, and how many lines stand before the data."""
@@ -66,7 +77,7 @@ class CsvSource(FileSource):
                 break
         delimiter = self._csv.delimiter or max(_DELIMITERS, key=line.count)
         header = [h.strip() for h in next(csv.reader([line], delimiter=delimiter))]
-        return self._table(_distinct(header), path), delimiter, lines
+        return self._table(distinct(header), path), delimiter, lines
 
     def _is_comment(self, line: str) -> bool:
         return self._csv.comment is not None and line.lstrip().startswith(self._csv.comment)
@@ -82,13 +93,13 @@ class CsvSource(FileSource):
             whole = True
             while whole:
                 block, whole = self._block(file, path, lines)
-                good, cut = self._fitting(block, delimiter, len(table.header), path, lines)
+                good, rows, cut = self._fitting(block, delimiter, len(table.header), path, lines)
                 lines += len(block)
                 if not good:
                     continue
                 frame = self._frame(good, table, delimiter)
-                after = row + len(good)
-                batch = replace(table.batch(frame, row), position=self._after(lines, after))
+                after = row + int(rows[-1]) + 1
+                batch = replace(table.batch(frame, self._numbered(row + rows)), position=self._after(lines, after))
                 if cut and len(batch) and not self._csv.long:
                     # Nothing says that the last number of a file without a last line end is whole.
                     batch.quality[-len(table.value_columns) :] = Quality.UNCERTAIN
@@ -106,27 +117,32 @@ class CsvSource(FileSource):
             return block, False
         return block, bool(block)
 
-    def _fitting(self, block: list[str], delimiter: str, width: int, path: Path, before: int) -> tuple[list[str], bool]:
-        """Lines with the right number of fields, the others counted; and whether the last one lacks its line end."""
-        good = []
+    def _fitting(
+        self, block: list[str], delimiter: str, width: int, path: Path, before: int
+    ) -> tuple[list[str], IntArray, bool]:
+        """Lines with the right number of fields, the others counted.
+
+        Also the number of each among the rows of the block, rejected ones counted too, and whether the last one lacks
+        its line end.
+        """
+        good, rows, row = [], [], 0
         for i, line in enumerate(block):
-            if line.count(delimiter) + 1 == width and '"' not in line:
-                good.append(line)
-                continue
             if not line.strip() or self._is_comment(line):
                 continue
-            fields = len(next(csv.reader([line], delimiter=delimiter)))
+            row += 1
+            if line.count(delimiter) + 1 == width and '"' not in line:
+                fields = width
+            else:
+                fields = len(next(csv.reader([line], delimiter=delimiter)))
             if fields == width:
                 good.append(line)
+                rows.append(row - 1)
                 continue
             cut = i == len(block) - 1 and not line.endswith("\n")
             reason = "last line cut short" if cut else "line has the wrong number of fields"
             number = before + i + 1
             self._count(reason, 1, f"{path.name}, line {number}: {reason} ({fields} instead of {width})")
-        if self._csv.comment:
-            good = [line for line in good if not self._is_comment(line)]
-        cut = bool(good) and not good[-1].endswith("\n")
-        return good, cut
+        return good, np.array(rows, dtype=np.int64), bool(good) and not good[-1].endswith("\n")
 
     def _frame(self, lines: list[str], table: Table, delimiter: str) -> pd.DataFrame:
         options = self._csv
@@ -145,7 +161,7 @@ class CsvSource(FileSource):
         return cast(pd.DataFrame, frame)
 
 
-def _distinct(header: list[str]) -> list[str]:
+def distinct(header: list[str]) -> list[str]:
     """Repeated names get .1, .2 as elsewhere in the pandas world."""
     seen: dict[str, int] = {}
     out = []

@@ -91,20 +91,23 @@ class Table:
             "Say time: {column: NAME}, or time: {start: ..., step: ...} if the file has none."
         )
 
-    def batch(self, frame: pd.DataFrame, first_row: int) -> Batch:
-        """Samples of some rows; ``frame`` has the needed columns by number. Rows without a time are rejected."""
+    def batch(self, frame: pd.DataFrame, rows: IntArray) -> Batch:
+        """Samples of some rows; ``frame`` has the needed columns by number. Rows without a time are rejected.
+
+        ``rows`` numbers them, shape (len(frame),), where there is no time column.
+        """
         series = None
         if self.options.long:
             series = frame[self.value_columns[0]].astype("str").to_numpy(dtype=object)
-        time = self._time(frame, first_row, series)
+        time = self._time(frame, rows, series)
         keep = time != NOT_A_TIME
         if self.options.long:
             return self._long(frame, time, keep, series)
         return self._wide(frame, time, keep)
 
-    def _time(self, frame: pd.DataFrame, first_row: int, series: NDArray[np.object_] | None) -> IntArray:
+    def _time(self, frame: pd.DataFrame, rows: IntArray, series: NDArray[np.object_] | None) -> IntArray:
         if not self.time_columns:
-            return self.clock.stepped(first_row, len(frame))
+            return self.clock.stepped(rows)
         before = self.clock.previous.get(ALL)
         if self.options.time.unit:
             time = self.clock.counted(frame[self.time_columns[0]])

@@ -30,6 +30,7 @@ class MqttSource:
     """Messages, bare values or JSON objects from the topics of a broker."""
 
     options: ClassVar[type[SourceOptions]] = MqttOptions
+    needs: ClassVar[tuple[str, ...]] = ("paho.mqtt",)
 
     def __init__(self, now: Callable[[], int] = clock.time_ns) -> None:
         """``now``: wall clock [ns], for payloads that carry no time."""

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import gzip
 import time as clock
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import openpyxl
 import pandas as pd
 import pytest
 
 from fdd.records import Batch, Quality
-from ingest.csv import CsvOptions, CsvSource, ParquetOptions, ParquetSource
+from ingest.csv import CsvOptions, CsvSource, ExcelOptions, ExcelSource, ParquetOptions, ParquetSource
 from ingest.source import Context, Refused
 
 
@@ -339,3 +340,108 @@ def test_measured_files_are_read_whole(
     # The chiller file holds one row of names without a time in its midst.
     assert read_rows + source.counters().get("time not understood", 0) == rows
     assert read_rows >= rows - 1
+
+
+def test_declared_order_of_day_and_month_holds_for_every_row(tmp_path: Path) -> None:
+    rows = "13/02/2026 00:00,1\n02/13/2026 00:00,2\n03/02/2026 1:05:30 PM,3\n3.2.26,4\n"
+    got, source = one(tmp_path, "t,a\n" + rows, time={"column": "t", "day_first": True})
+    assert series(got, "a") == [
+        (utc("2026-02-13 00:00"), 1.0),
+        (utc("2026-02-03 13:05:30"), 3.0),
+        (utc("2026-02-03 00:00"), 4.0),
+    ]
+    assert source.counters()["time not understood"] == 1
+
+
+def test_iso_dates_in_a_file_of_the_other_kind_stay_iso(tmp_path: Path) -> None:
+    got, _ = one(tmp_path, "t,a\n2026-02-05 00:00,1\n06/02/2026 00:00,2\n", time={"column": "t", "day_first": True})
+    assert [t for t, _ in series(got, "a")] == [utc("2026-02-05 00:00"), utc("2026-02-06 00:00")]
+
+
+def test_file_that_contradicts_its_declared_order_is_refused_with_the_remedy(tmp_path: Path) -> None:
+    days = pd.date_range("2026-02-01", "2026-02-20").strftime("%m/%d/%Y")
+    text = "t,a\n" + "".join(f"{d},1\n" for d in days)
+    with pytest.raises(Refused, match=r"'02/13/2026' has no month 13 .* 8 of 20 rows .*set time.day_first: false"):
+        one(tmp_path, text, time={"column": "t", "day_first": True})
+
+
+def test_twelve_o_clock_is_noon_or_midnight_by_its_half(tmp_path: Path) -> None:
+    text = "t,a\n2/1/2026 12:30 AM,1\n2/1/2026 12:30 PM,2\n2/1/2026 11:59 p.m.,3\n"
+    got, _ = one(tmp_path, text, time={"column": "t", "day_first": False})
+    assert [t for t, _ in series(got, "a")] == [utc(f"2026-02-01 {h}") for h in ("00:30", "12:30", "23:59")]
+
+
+def test_files_without_a_time_column_follow_one_another(tmp_path: Path) -> None:
+    for name, rows in (("1.csv", "1\n2\n3\n"), ("2.csv", "4\n5\n")):
+        write(tmp_path, "a\n" + rows, name)
+    options: dict[str, Any] = {"kind": "csv", "path": ["1.csv", "2.csv"], "batch_rows": 2}
+    options["time"] = {"start": "2026-01-01", "step": "1 h"}
+
+    def listed() -> CsvSource:
+        source = CsvSource()
+        source.configure(CsvOptions.model_validate(options), Context("UTC", ("a",), tmp_path))
+        return source
+
+    got = read(listed())
+    assert series(got, "a") == [(utc("2026-01-01") + i * 3600 * 10**9, i + 1.0) for i in range(5)]
+    assert series(read(listed(), got[1].position), "a") == series(got[2:], "a")
+
+
+def test_a_broken_line_keeps_its_place_in_a_file_without_a_time_column(tmp_path: Path) -> None:
+    got, _ = one(tmp_path, "a,b\n1,1\n2\n3,3\n", time={"start": "2026-01-01", "step": "1 h"})
+    assert series(got, "a") == [(utc("2026-01-01 00:00"), 1.0), (utc("2026-01-01 02:00"), 3.0)]
+
+
+def workbook(path: Path, rows: list[list[Any]], sheet: str = "Trend") -> Path:
+    book = openpyxl.Workbook()
+    page = book.active
+    assert page is not None
+    page.title = sheet
+    for row in rows:
+        page.append(row)
+    book.save(path)
+    return path
+
+
+def excel_of(path: Path, columns: tuple[str, ...], **options: Any) -> ExcelSource:
+    source = ExcelSource()
+    source.configure(ExcelOptions.model_validate({"kind": "excel", "path": path} | options), Context("UTC", columns))
+    return source
+
+
+def test_workbook_with_a_title_above_its_header_is_read_and_resumed(tmp_path: Path) -> None:
+    day = datetime(2026, 3, 1)
+    rows: list[list[Any]] = [["Exported by BMS"], ["Date", "a", "b"]]
+    rows += [[day + timedelta(minutes=5 * i), 20.5 + i, "On" if i % 2 else "n/a"] for i in range(7)]
+    path = workbook(tmp_path / "trend.xlsx", rows)
+    options: dict[str, Any] = {"skip_rows": 1, "sheet": "Trend", "batch_rows": 3}
+    got = read(excel_of(path, ("a", "b"), **options))
+    assert series(got, "a") == [(utc("2026-03-01") + i * 300 * 10**9, 20.5 + i) for i in range(7)]
+    np.testing.assert_array_equal([v for _, v in series(got, "b")], [np.nan, 1, np.nan, 1, np.nan, 1, np.nan])
+    assert series(read(excel_of(path, ("a", "b"), **options), got[0].position), "a") == series(got[1:], "a")
+
+
+def test_texts_beside_dates_in_a_workbook_are_counted(tmp_path: Path) -> None:
+    rows = [["time", "a"], [datetime(2026, 3, 1), 1.0], ["no time", 2.0], ["2026-03-01 00:10", 3.0]]
+    source = excel_of(workbook(tmp_path / "x.xlsx", rows), ("a",))
+    assert series(read(source), "a") == [(utc("2026-03-01 00:00"), 1.0), (utc("2026-03-01 00:10"), 3.0)]
+    assert source.counters() == {"time not understood": 1}
+
+
+def test_a_file_that_is_not_what_its_name_says_is_told_with_the_remedy(tmp_path: Path) -> None:
+    book = workbook(tmp_path / "x.xlsx", [["time", "a"], [datetime(2026, 3, 1), 1.0]]).rename(tmp_path / "x.csv")
+    frame = pd.DataFrame({"time": ["2026-03-01"], "a": [1.0]})
+    frame.to_parquet(tmp_path / "p.csv")
+    write(tmp_path, "time,a\n", "u.csv", encoding="utf-16")
+    write(tmp_path, "time,a\n", "z.csv.gz")
+    write(tmp_path, '{"rows": []}', "j.csv")
+    said = {
+        book: "workbook; set kind: excel",
+        tmp_path / "p.csv": "Parquet file; set kind: parquet",
+        tmp_path / "u.csv": "encoding: utf-16",
+        tmp_path / "z.csv.gz": "not compressed",
+        tmp_path / "j.csv": "is JSON",
+    }
+    for path, words in said.items():
+        with pytest.raises(Refused, match=words):
+            source_of(path, ("a",)).open()
