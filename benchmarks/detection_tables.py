@@ -21,7 +21,7 @@ from benchmarks.detection_theory import (
     parameter_delays,
     shift_delays,
 )
-from fdd.greybox.likelihood import to_scale
+from fdd.greybox.scale import to_scale
 from fdd.plant.district import TRUTH, models
 from fdd.records import FloatArray
 from fdd.service.health_charts import KINDS

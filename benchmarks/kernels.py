@@ -31,7 +31,8 @@ from fdd.greybox import native
 from fdd.greybox.filter_bank import FilterBank
 from fdd.greybox.fit import fit
 from fdd.greybox.kernels import kernel
-from fdd.greybox.likelihood import Data, Likelihood, from_scale, to_scale
+from fdd.greybox.likelihood import Data, Likelihood
+from fdd.greybox.scale import from_scale, to_scale
 from fdd.models.declare import ComponentModel
 from tests.greybox import problems, records
 

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from fdd import Data
 from fdd.greybox.inference import forward_selection, profile
+from fdd.greybox.plots import diagnostics, write_html
 from fdd.greybox.plots import profile as plot_profile
-from fdd.greybox.plots import write_html
 from fdd.greybox.validate import Validation, validate
 from fdd.models.zone import zone
 
@@ -38,7 +38,7 @@ def main(record: Path, folder: Path) -> None:
     print(f"\nselected: {name}\n{result.summary()}\n\n{result.trials_table()}\n")
     print(validations[name].table())
     write_html(validations[name], folder / "validation.html")
-    result.plot_diagnostics().savefig(folder / "flexhouse-residuals.png", dpi=70)
+    diagnostics(validations[name]).savefig(folder / "flexhouse-residuals.png", dpi=70)
     # The window area is well determined: its profile is a parabola.
     plot_profile(profile(result, "A_w")).savefig(folder / "flexhouse-profile.png", dpi=80)
 

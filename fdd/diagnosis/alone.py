@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdd.greybox.likelihood import Evaluation, FilterPath, Likelihood, from_scale, to_scale
+from fdd.greybox.likelihood import Evaluation, FilterPath, Likelihood
+from fdd.greybox.scale import from_scale, to_scale
 from fdd.models.declare import ComponentModel
 from fdd.records import FloatArray
 

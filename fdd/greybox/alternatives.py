@@ -16,10 +16,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.greybox.fit import scale_bounds, scale_unit
-from fdd.greybox.identifiability import invert
-from fdd.greybox.likelihood import Data, chain, from_scale, to_scale
+from fdd.greybox.identifiability import identified
+from fdd.greybox.likelihood import Data
 from fdd.greybox.results import FitResult
+from fdd.greybox.scale import chain, from_scale, scale_bounds, scale_unit, to_scale
 from fdd.greybox.trust import minimise
 from fdd.models.declare import ComponentModel
 
@@ -116,10 +116,11 @@ def estimated(
     found = minimise(objective, theta, bounds[:, 0], bounds[:, 1], scale=units, radius=0.3, tolerance=1e-5, most=40)
     names = [q.symbol for _, q in rows]
     on_bound = (found.theta <= bounds[:, 0]) | (found.theta >= bounds[:, 1])
-    covariance, lost = invert(found.information, on_bound, names)
     values = natural(found.theta)
-    errors = np.sqrt(np.diag(covariance)) * chain(model, values)[[i for i, _ in rows]]
-    bse = {n: math.nan if n in lost or b else float(e) for n, e, b in zip(names, errors, on_bound, strict=True)}
+    free = [i for i, _ in rows]
+    told = identified(found.information, None, on_bound, [q for _, q in rows], values[free])
+    errors = np.sqrt(np.diag(told.covariance)) * chain(model, values)[free]
+    bse = {n: math.inf if n in told.untold or b else float(e) for n, e, b in zip(names, errors, on_bound, strict=True)}
     params = {q.symbol: float(v) for q, v in zip(model.parameters, values, strict=True)}
     return Estimated(kind, params, bse, -found.value, found.converged, found.reason)
 

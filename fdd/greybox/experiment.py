@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import max_len_seq
 
 from fdd.greybox.fit import Progress
-from fdd.greybox.identifiability import invert
+from fdd.greybox.identifiability import identified
 from fdd.greybox.likelihood import Data, Likelihood
 from fdd.greybox.simulate import realise
 from fdd.models.declare import ComponentModel
@@ -227,8 +227,9 @@ def d_optimal(
         record = Data(d.t, d.u, np.tile(first, (len(d.t), 1)), name="design")
         measured = realise(model, values, record, seed)
         information = Likelihood(model, measured).evaluate(values).information[np.ix_(physical, physical)]
-        covariance, lost = invert(information, np.zeros(len(names), dtype=np.bool_), names)
-        found.append((information, covariance, lost))
+        inside = np.zeros(len(names), dtype=np.bool_)
+        told = identified(information, None, inside, [model.parameters[k] for k in physical], values[physical])
+        found.append((information, told.covariance, told.untold))
         if progress is not None:
             progress(i + 1, len(designs), math.nan)
     # Only what some design shows can be compared.

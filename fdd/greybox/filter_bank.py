@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from fdd.greybox import codegen, native
 from fdd.greybox.kernels import Kernel, aligned, kernel
-from fdd.greybox.likelihood import chain, from_scale, to_scale, unpack
+from fdd.greybox.likelihood import unpack
+from fdd.greybox.scale import chain, from_scale, to_scale
 from fdd.models.declare import ComponentModel
 
 FloatArray = NDArray[np.float64]

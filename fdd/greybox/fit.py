@@ -5,37 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fdd.greybox import codegen
-from fdd.greybox.likelihood import Data, DataError, Likelihood, chain, from_scale, to_scale
+from fdd.greybox.likelihood import Data, DataError, Likelihood
 from fdd.greybox.results import FitResult, Trial
+from fdd.greybox.scale import ParameterError, Prior, chain, from_scale, scale_bounds, scale_unit, to_scale
 from fdd.greybox.trust import Optimum, minimise
-from fdd.models.declare import ComponentModel, Parameter
+from fdd.models.declare import ComponentModel
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int, float], None]
 Errors = Literal["observed", "fisher", "sandwich"]
-
-
-class ParameterError(ValueError):
-    """A start, fixed value or prior that cannot be used; the text names parameter, value, limit and remedy."""
-
-
-@dataclass(frozen=True, slots=True)
-class Prior:
-    """Normal knowledge about a parameter before the data, natural scale and unit: mean and standard deviation."""
-
-    mean: float
-    sd: float
-
-    def __post_init__(self) -> None:
-        if not (self.sd > 0 and math.isfinite(self.mean)):
-            raise ParameterError(f"a prior needs a finite mean and a positive sd, not {self.mean}, {self.sd}")
 
 
 class Objective:
@@ -83,10 +68,8 @@ class Objective:
         slope, curve, total = np.zeros(len(self.free)), np.zeros(len(self.free)), 0.0
         scale = chain(self.likelihood.model, values)[self.free]
         for i, prior in self.priors:
-            z = (values[self.free[i]] - prior.mean) / prior.sd
-            total += 0.5 * z * z + math.log(prior.sd * math.sqrt(2 * math.pi))
-            slope[i] = z / prior.sd * scale[i]
-            curve[i] = (scale[i] / prior.sd) ** 2
+            loss, slope[i], curve[i] = prior.penalty(float(values[self.free[i]]), float(scale[i]))
+            total += loss
         return total, slope, curve
 
 
@@ -186,7 +169,9 @@ def _start_values(
     for symbol, value in fixed.items():
         if not math.isfinite(value):
             raise ParameterError(f"{model.name}: {symbol} is fixed at {value}; give a finite number")
-    return np.array([{**{q.symbol: q.typical}, **given, **fixed}[q.symbol] for q in model.parameters])
+    # Whole numbers would make the array, and every trial point with it, one of integers.
+    values = [{**{q.symbol: q.typical}, **given, **fixed}[q.symbol] for q in model.parameters]
+    return np.array(values, dtype=np.float64)
 
 
 def _where_it_exists(objective: Objective, values: FloatArray) -> FloatArray:
@@ -207,20 +192,6 @@ def _where_it_exists(objective: Objective, values: FloatArray) -> FloatArray:
                 )
             return moved
     raise ParameterError(f"{model.name}: no likelihood at the start: {reason}; give a start nearer to the data")
-
-
-def scale_bounds(q: Parameter) -> tuple[float, float]:
-    """Bounds on the transform scale; a logit is cut where its parameter is within 1e-6 of a bound."""
-    if q.transform == "logit":
-        return -14.0, 14.0
-    return to_scale(q, q.lower), to_scale(q, q.upper)
-
-
-def scale_unit(q: Parameter) -> float:
-    """What counts as one step of a parameter: a factor e on a log scale, its typical size otherwise."""
-    if q.transform != "identity" or q.kind == "noise":
-        return 1.0
-    return max(abs(q.typical) * 0.3, min(1.0, (q.upper - q.lower) * 0.1))
 
 
 def _search(
@@ -379,6 +350,7 @@ def _result(objective: Objective, best: Optimum, trials: list[Trial], errors: Er
         trials=trials,
         converged=best.converged,
         reason=best.reason,
-        priors={objective.rows[i].symbol: (p.mean, p.sd) for i, p in objective.priors},
+        priors={objective.rows[i].symbol: p for i, p in objective.priors},
+        wanted=errors,
         start={q.symbol: float(v) for q, v in zip(likelihood.model.parameters, start, strict=True)},
     )

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from fdd.greybox.fit import Progress, fit, scale_bounds
-from fdd.greybox.likelihood import Data, from_scale, to_scale
+from fdd.greybox.fit import Progress, fit
+from fdd.greybox.likelihood import Data
 from fdd.greybox.results import FitResult
+from fdd.greybox.scale import from_scale, scale_bounds, to_scale
 from fdd.models.declare import ComponentModel
 
 FloatArray = NDArray[np.float64]
@@ -82,7 +83,7 @@ def _profile_point(
     fixed = {s: result.params[s] for s in model.symbols["parameters"] if s not in result.free} | {parameter: value}
     other = fit(
         model, likelihood.records, start={s: v for s, v in warm.items() if s not in fixed}, fixed=fixed,
-        errors="fisher", huber=likelihood.huber, method=likelihood.method, priors=result.prior_objects(),
+        errors="fisher", huber=likelihood.huber, method=likelihood.method, priors=result.priors,
     )  # fmt: skip
     return max(0.0, 2 * (-other.llf + other.penalty - best)), other.params
 

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from fdd.greybox import codegen, robust
 from fdd.greybox.kernels import Kernel, default_method, kernel
-from fdd.models.declare import ComponentModel, Parameter
+from fdd.greybox.scale import chain
+from fdd.models.declare import ComponentModel
 
 FloatArray = NDArray[np.float64]
 FAILURES = {
@@ -86,6 +87,7 @@ class Data:
                     f"{self.name}: {array.shape[1]} columns of {table}, but {model.name} "
                     f"has {len(symbols)}: {', '.join(symbols)}"
                 )
+        self._check_start(model)
         warnings = []
         for j, symbol in enumerate(model.symbols["inputs"]):
             bad = np.flatnonzero(~np.isfinite(self.u[:, j]))
@@ -107,6 +109,30 @@ class Data:
                     f"{self.name}: output {symbol} is infinite in row {int(np.flatnonzero(np.isinf(self.y[:, j]))[0])}"
                 )
         return warnings
+
+    def _check_start(self, model: ComponentModel) -> None:
+        """Refuse a start value or covariance that is not of the model's states."""
+        n, names = len(model.states), ", ".join(model.symbols["states"])
+        for key, array, shape in (("x0", self.x0, (n,)), ("P0", self.P0, (n, n))):
+            if array is None:
+                continue
+            given = np.asarray(array, dtype=np.float64)
+            if given.shape != shape:
+                raise DataError(
+                    f"{self.name}: {key} has shape {given.shape}, but {model.name} has {n} states ({names}); "
+                    f"give an array of shape {shape}"
+                )
+            if not np.isfinite(given).all():
+                where = np.argwhere(~np.isfinite(given))[0].tolist()
+                raise DataError(f"{self.name}: {key}{where} is {given[tuple(where)]}; give finite numbers")
+        if self.P0 is not None:
+            P0 = np.asarray(self.P0, dtype=np.float64)
+            least = float(np.linalg.eigvalsh(0.5 * (P0 + P0.T)).min())
+            if not np.allclose(P0, P0.T, rtol=1e-9, atol=0.0) or least < -1e-9 * float(np.abs(P0).max(initial=1e-300)):
+                raise DataError(
+                    f"{self.name}: P0 is no covariance (smallest eigenvalue {least:g}); "
+                    "give a symmetric matrix without negative eigenvalues"
+                )
 
 
 def _steps(t: FloatArray) -> FloatArray:
@@ -130,36 +156,6 @@ def _matrix(a: ArrayLike, rows: int) -> FloatArray:
     if out.ndim == 1:
         out = out.reshape(-1, 1) if out.size else np.zeros((rows, 0))
     return np.ascontiguousarray(out)
-
-
-def to_scale(q: Parameter, value: float) -> float:
-    """Natural value to the scale estimation works on."""
-    if q.transform == "log":
-        return math.log(value)
-    if q.transform == "logit":
-        return math.log((value - q.lower) / (q.upper - value))
-    return value
-
-
-def from_scale(q: Parameter, theta: float) -> float:
-    """Back to the natural value."""
-    if q.transform == "log":
-        return math.exp(theta)
-    if q.transform == "logit":
-        return q.lower + (q.upper - q.lower) * 0.5 * (1 + math.tanh(theta / 2))
-    return theta
-
-
-def chain(model: ComponentModel, values: FloatArray) -> FloatArray:
-    """d natural / d scale for each parameter; ``values`` (..., n_p) natural."""
-    out = np.ones_like(values)
-    for k, q in enumerate(model.parameters):
-        v = values[..., k]
-        if q.transform == "log":
-            out[..., k] = v
-        elif q.transform == "logit":
-            out[..., k] = (v - q.lower) * (q.upper - v) / (q.upper - q.lower)
-    return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,6 +224,10 @@ class Likelihood:
         self._methods = [method or default_method(model, d.hold) for d in self.records]
         # What follows from the model alone needs no look at parameters.
         self._chosen = self._fixed_substeps or method is not None or "rk4" not in self._methods
+
+    def of(self, record: Data) -> Likelihood:
+        """The likelihood of the same model for another record."""
+        return Likelihood(self.model, record, method=self.method, huber=self.huber, plain=self.plain)
 
     def kernel(self, i: int, tangents: bool) -> Kernel:
         """The kernel of one record."""

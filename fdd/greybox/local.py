@@ -11,11 +11,11 @@ which near the slow manifold of a stiff model is little.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Any
 
-if TYPE_CHECKING:
-    from fdd.greybox.codegen import Generator, Scope
-    from fdd.greybox.trace import Expr
+from fdd.greybox.trace import Expr
+
+Generator = Scope = Any  # those of fdd.greybox.codegen, which calls this module
 
 _TEMPLATE = '''BEND = 0.0005  # error of a predicted state that one step may make, in standard deviations
 TURN = 0.005  # relative error of a predicted covariance

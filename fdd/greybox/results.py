@@ -5,21 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from fdd.greybox.identifiability import invert, positive_definite, reservations, strongly_correlated
-from fdd.greybox.likelihood import Data, FilterPath, Likelihood, chain
+from fdd.greybox import simulate
+from fdd.greybox.identifiability import Flat, Known, identified, reservations, strongly_correlated
+from fdd.greybox.likelihood import Data, FilterPath, Likelihood
+from fdd.greybox.scale import Prior, chain, from_scale, to_scale
 from fdd.models.declare import ComponentModel
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 FloatArray = NDArray[np.float64]
-SCHEMA = 1
+MOSTLY_PRIOR = 0.5  # share of a prior's variance that the data must take away to count as the source
+SCHEMA = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,10 +40,11 @@ class FitResult:
 
     Attributes
     ----------
-    params, bse, tvalues : by symbol; ``bse`` is NaN for parameters that are fixed, at a bound or not identifiable
+    params, bse, tvalues : by symbol; ``bse`` is NaN for fixed parameters, infinite for those at a bound or not told
     cov, cov_scale : covariance of all parameters (n_p, n_p), natural and transform scale; zero for fixed ones
     llf, aic, bic, nobs : log-likelihood (prior left out), information criteria, measured values used
-    unidentifiable : parameters the data say nothing about, alone or together
+    unidentifiable : parameters that take part in a direction in which the likelihood is flat
+    flat, known : those directions, in words, too; products of such parameters that the data tell all the same
     at_bound : parameters that ended on a bound
     trials : one row a search
     errors, huber : what the errors were taken from; the bound of a robust likelihood, infinite otherwise
@@ -70,9 +71,11 @@ class FitResult:
     warnings: tuple[str, ...]
     errors: str
     trials: tuple[Trial, ...]
-    priors: Mapping[str, tuple[float, float]]
+    priors: Mapping[str, Prior]
     start: Mapping[str, float]
     span: tuple[tuple[float, float], ...]
+    flat: tuple[Flat, ...] = ()
+    known: tuple[Known, ...] = ()
     prediction: str = ""
     huber: float = math.inf
     model: ComponentModel | None = None
@@ -83,15 +86,14 @@ class FitResult:
         cls, *, likelihood: Likelihood, values: FloatArray, free: NDArray[np.int64], llf: float, penalty: float,
         gradient: FloatArray, fisher: FloatArray, observed: FloatArray | None, scatter: FloatArray | None,
         at_bound: NDArray[np.bool_], trials: Sequence[Trial], converged: bool, reason: str,
-        priors: Mapping[str, tuple[float, float]], start: Mapping[str, float],
+        priors: Mapping[str, Prior], start: Mapping[str, float], wanted: str,
     ) -> FitResult:  # fmt: skip
         """Standard errors and their reservations, from the information at the optimum."""
         model = likelihood.model
         names = model.symbols["parameters"]
-        information, kind = fisher, "fisher"
-        if observed is not None and positive_definite(observed[np.ix_(~at_bound, ~at_bound)]):
-            information, kind = observed, "observed"
-        inner, lost = invert(information, at_bound, [names[k] for k in free])
+        rows = [model.parameters[k] for k in free]
+        found = identified(fisher, observed, at_bound, rows, values[free])
+        inner, kind = found.covariance, "observed" if found.observed else "fisher"
         if scatter is not None:
             inner, kind = inner @ scatter @ inner, "sandwich"
         cov_scale = np.zeros((len(names), len(names)))
@@ -101,9 +103,9 @@ class FitResult:
         bse = {name: math.nan for name in names}
         bound = tuple(names[k] for k, on in zip(free, at_bound, strict=True) if on)
         for k in free:
-            if names[k] not in lost and names[k] not in bound:
-                bse[names[k]] = math.sqrt(max(cov[k, k], 0.0))
-        warnings = [*likelihood.warnings, *reservations(lost, bound, converged, reason)]
+            told = names[k] not in found.untold and names[k] not in bound
+            bse[names[k]] = math.sqrt(max(cov[k, k], 0.0)) if told else math.inf
+        warnings = [*likelihood.warnings, *reservations(found, bound, converged, reason, wanted, kind)]
         records = likelihood.records
         return cls(
             model_name=model.name,
@@ -119,7 +121,9 @@ class FitResult:
             penalty=penalty,
             converged=converged,
             reason=reason,
-            unidentifiable=lost,
+            unidentifiable=found.untold,
+            flat=found.flat,
+            known=found.known,
             at_bound=bound,
             gradient={names[k]: float(g) for k, g in zip(free, gradient, strict=True)},
             warnings=tuple(warnings),
@@ -143,7 +147,7 @@ class FitResult:
     @property
     def tvalues(self) -> dict[str, float]:
         """Estimates over their standard errors."""
-        return {k: self.params[k] / s if s > 0 else math.nan for k, s in self.bse.items()}
+        return {k: self.params[k] / s if 0 < s < math.inf else math.nan for k, s in self.bse.items()}
 
     @property
     def pvalues(self) -> dict[str, float]:
@@ -152,12 +156,16 @@ class FitResult:
 
     @property
     def aic(self) -> float:
-        """Akaike's criterion."""
+        """Akaike's criterion; NaN for a maximum a posteriori estimate, which does not maximise the likelihood."""
+        if self.priors:
+            return math.nan
         return 2 * len(self.free) - 2 * self.llf
 
     @property
     def bic(self) -> float:
-        """Schwarz's criterion."""
+        """Schwarz's criterion; NaN for a maximum a posteriori estimate."""
+        if self.priors:
+            return math.nan
         return len(self.free) * math.log(self.nobs) - 2 * self.llf
 
     @property
@@ -168,32 +176,25 @@ class FitResult:
             return np.asarray(self.cov_scale / np.outer(sd, sd))
 
     def conf_int(self, alpha: float = 0.05) -> dict[str, tuple[float, float]]:
-        """Intervals that are symmetric on the transform scale, natural units."""
-        from fdd.greybox.likelihood import from_scale, to_scale
-
+        """Intervals that are symmetric on the transform scale, natural units; infinite for what is not told."""
         z = float(stats.norm.isf(alpha / 2))
         out = {}
         for k, q in enumerate(self._model().parameters):
             s = math.sqrt(max(self.cov_scale[k, k], 0.0))
             if not math.isfinite(self.bse[q.symbol]):
-                out[q.symbol] = (math.nan, math.nan)
+                edge = self.bse[q.symbol]
+                out[q.symbol] = (-edge, edge)
                 continue
             theta = to_scale(q, self.params[q.symbol])
             out[q.symbol] = (from_scale(q, theta - z * s), from_scale(q, theta + z * s))
         return out
 
-    def prior_objects(self) -> dict[str, Any]:
-        """The priors of the fit, ready for another."""
-        from fdd.greybox.fit import Prior
-
-        return {k: Prior(*v) for k, v in self.priors.items()}
-
     # Text
     def summary(self) -> str:
         """A table of the estimates and what to know about them."""
         head = [
-            f"{self.model_name} {self.model_version}  log-likelihood {self.llf:.4f}  "
-            f"AIC {self.aic:.2f}  BIC {self.bic:.2f}",
+            f"{self.model_name} {self.model_version}  log-likelihood {self.llf:.4f}  {self._criteria()}",
+            *self._posterior(),
             f"{self.nobs} measured values, {len(self.free)} parameters, "
             f"{'converged' if self.converged else 'NOT CONVERGED'} ({self.reason}), {len(self.trials)} search(es), "
             f"errors from the {self.errors}{'' if self.errors == 'sandwich' else ' information'}",
@@ -218,6 +219,28 @@ class FitResult:
         together = strongly_correlated(self.correlation, tuple(self.params))
         rows += ["", "estimates that move together (correlation): " + together] if together else []
         return "\n".join([*head, *rows, *(["", *(f"! {w}" for w in self.warnings)] if self.warnings else [])])
+
+    def _criteria(self) -> str:
+        if self.priors:
+            return "(AIC and BIC are those of maximum likelihood and not told: there are priors)"
+        return f"AIC {self.aic:.2f}  BIC {self.bic:.2f}"
+
+    def _posterior(self) -> list[str]:
+        """What a maximum a posteriori estimate rests on beside the data."""
+        if not self.priors:
+            return []
+        told = ", ".join(f"{s} {prior.words()}" for s, prior in self.priors.items())
+        lines = [f"maximum a posteriori: log posterior {self.llf - self.penalty:.4f}; priors {told}"]
+        mostly = [s for s in self.priors if self.learned(s) < MOSTLY_PRIOR]
+        return [*lines, f"known mainly from the prior: {', '.join(mostly)}"] if mostly else lines
+
+    def learned(self, symbol: str) -> float:
+        """Share of a prior's variance that the data took away, 0 to 1; 1 without a prior, 0 for what is not told."""
+        if symbol not in self.priors:
+            return 1.0
+        prior, error = self.priors[symbol], self.bse[symbol]
+        sd = prior.sd * (self.params[symbol] if prior.log else 1.0)
+        return max(0.0, 1.0 - (error / sd) ** 2) if math.isfinite(error) else 0.0
 
     # Plain data
     def to_dict(self) -> dict[str, Any]:
@@ -244,7 +267,9 @@ class FitResult:
             "gradient": dict(self.gradient),
             "warnings": list(self.warnings),
             "errors": self.errors,
-            "priors": {k: list(v) for k, v in self.priors.items()},
+            "priors": {k: [v.mean, v.sd, v.log] for k, v in self.priors.items()},
+            "flat": [{"powers": dict(f.powers), "words": f.words} for f in self.flat],
+            "known": [{"words": f.words, "value": f.value, "error": f.error} for f in self.known],
             "start": dict(self.start),
             "span": [list(s) for s in self.span],
             "prediction": self.prediction,
@@ -302,7 +327,9 @@ class FitResult:
             trials=tuple(
                 Trial(**{**t, "start": np.array(t["start"]), "theta": np.array(t["theta"])}) for t in document["trials"]
             ),
-            priors={k: (v[0], v[1]) for k, v in document["priors"].items()},
+            priors={k: Prior(*v) for k, v in document["priors"].items()},
+            flat=tuple(Flat(**f) for f in document["flat"]),
+            known=tuple(Known(**f) for f in document["known"]),
             start=dict(document["start"]),
             span=tuple((s[0], s[1]) for s in document["span"]),
             prediction=document.get("prediction", ""),
@@ -323,28 +350,15 @@ class FitResult:
 
     def predict(self, k: int = 1, data: Data | None = None) -> FloatArray:
         """Outputs predicted k samples ahead, (N, n_y); see :func:`fdd.greybox.simulate.predict`."""
-        from fdd.greybox.simulate import predict
-
-        return predict(self, k, data)
+        return simulate.predict(self._one(data), self.values, k)
 
     def simulate(self, data: Data | None = None) -> FloatArray:
         """Outputs from start value and inputs alone, (N, n_y)."""
-        from fdd.greybox.simulate import simulate
-
-        return simulate(self, data)
+        return simulate.simulate(self._one(data), self.values)
 
     def smooth(self, data: Data | None = None) -> tuple[FloatArray, FloatArray]:
         """Smoothed states (N, n) and covariances (N, n, n)."""
-        from fdd.greybox.simulate import smooth
-
-        return smooth(self, data)
-
-    def plot_diagnostics(self, data: Data | None = None) -> Figure:
-        """One page of plots of the validation tests, a matplotlib figure."""
-        from fdd.greybox.plots import diagnostics
-        from fdd.greybox.validate import validate
-
-        return diagnostics(validate(self, data))
+        return simulate.smooth(self._one(data), self.values)
 
     def trials_table(self) -> str:
         """The optima of all searches, best first."""
@@ -366,3 +380,7 @@ class FitResult:
         if self.likelihood is None:
             raise ValueError("this result was loaded without its data; give data")
         return self.likelihood
+
+    def _one(self, data: Data | None) -> Likelihood:
+        """The likelihood of one record: that given, or the first of the fit."""
+        return self._likelihood(data if data is not None else self.records[0])

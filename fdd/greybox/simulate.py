@@ -11,32 +11,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.greybox.kernels import Kernel
-from fdd.greybox.likelihood import Data
-from fdd.greybox.results import FitResult
+from fdd.greybox.likelihood import Data, Likelihood
 from fdd.models.declare import ComponentModel
 
 FloatArray = NDArray[np.float64]
 
 
-def simulate(result: FitResult, data: Data | None = None) -> FloatArray:
+def simulate(likelihood: Likelihood, values: FloatArray) -> FloatArray:
     """Outputs (N, n_y) from the start value and the inputs alone: nothing measured after the first sample is used."""
-    d = data if data is not None else result.records[0]
-    y = d.y.copy()
+    y = likelihood.records[0].y.copy()
     y[1:] = np.nan
-    free = dataclasses.replace(d, y=y)
-    return result._likelihood(free).paths(result.values)[0].predicted
+    return likelihood.of(dataclasses.replace(likelihood.records[0], y=y)).paths(values)[0].predicted
 
 
-def predict(result: FitResult, k: int, data: Data | None = None) -> FloatArray:
+def predict(likelihood: Likelihood, values: FloatArray, k: int) -> FloatArray:
     """Outputs (N, n_y) predicted ``k`` samples ahead: row i uses measurements up to row i - k, inputs up to row i.
 
     The first k rows are NaN.
     """
-    d = data if data is not None else result.records[0]
+    d = likelihood.records[0]
     if not 1 <= k < len(d):
         raise ValueError(f"cannot predict {k} samples ahead in a record of {len(d)}; give 1 <= k < {len(d)}")
-    likelihood = result._likelihood(d)
-    path = likelihood.paths(result.values)[0]
+    path = likelihood.paths(values)[0]
     if k == 1:
         out = path.predicted.copy()
         out[0] = np.nan
@@ -46,7 +42,7 @@ def predict(result: FitResult, k: int, data: Data | None = None) -> FloatArray:
     rows, columns = np.triu_indices(n)
     out, shown, nothing = np.full_like(d.y, np.nan), np.empty(4 * d.y.shape[1]), np.full(d.y.shape[1], np.nan)
     with np.errstate(all="ignore"):
-        kern.module.prepare(result.values, c)
+        kern.module.prepare(values, c)
         for i in range(len(d) - k):
             w[:n] = path.xf[i]
             w[n : kern.layout.nz] = path.Pf[i][rows, columns]
@@ -57,19 +53,17 @@ def predict(result: FitResult, k: int, data: Data | None = None) -> FloatArray:
     return out
 
 
-def smooth(result: FitResult, data: Data | None = None) -> tuple[FloatArray, FloatArray]:
+def smooth(likelihood: Likelihood, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Smoothed states (N, n) and covariances (N, n, n): every state given the whole record.
 
     Rauch, Tung and Striebel (1965) on the filter's moments; the transition matrix of each step is that of the tangent
     of the prediction, found by central differences of the kernel itself.
     """
-    d = data if data is not None else result.records[0]
-    likelihood = result._likelihood(d)
-    path = likelihood.paths(result.values)[0]
+    d, path = likelihood.records[0], likelihood.paths(values)[0]
     kern = likelihood.kernel(0, tangents=False)
     xs, Ps = path.xf.copy(), path.Pf.copy()
     for i in range(len(d) - 2, -1, -1):
-        F = _transition(kern, result.values, d, i, path.xf[i], path.Pf[i])
+        F = _transition(kern, values, d, i, path.xf[i], path.Pf[i])
         G = np.linalg.lstsq(path.P[i + 1].T, F @ path.Pf[i].T, rcond=None)[0].T
         xs[i] = path.xf[i] + G @ (xs[i + 1] - path.x[i + 1])
         Ps[i] = path.Pf[i] + G @ (Ps[i + 1] - path.P[i + 1]) @ G.T

@@ -17,7 +17,6 @@ from scipy import stats
 
 from fdd.greybox.likelihood import Data, FilterPath
 from fdd.greybox.results import FitResult
-from fdd.greybox.simulate import simulate
 
 FloatArray = NDArray[np.float64]
 GROUPS = 10
@@ -288,7 +287,7 @@ def _cross(result: FitResult, own: Data, other: Data, j: int) -> list[Verdict]:
     for kind in ("one step", "simulation"):
         rms = []
         for d in (own, other):
-            guess = result.paths(d)[0].predicted if kind == "one step" else simulate(result, d)
+            guess = result.paths(d)[0].predicted if kind == "one step" else result.simulate(d)
             rms.append(math.sqrt(float(np.nanmean((d.y[1:, j] - guess[1:, j]) ** 2))))
         limit = 1.5 * rms[0]
         out.append(

@@ -10,7 +10,8 @@ import numpy as np
 from fdd.diagnosis import gates as g
 from fdd.diagnosis.gates import Estimate, Gate, Outcome, Policy
 from fdd.greybox.fit import fit
-from fdd.greybox.likelihood import Data, Likelihood, to_scale
+from fdd.greybox.likelihood import Data, Likelihood
+from fdd.greybox.scale import to_scale
 from fdd.models.declare import Parameter
 from fdd.records import Baseline, FloatArray, JsonObject
 from fdd.service.granted import spread_of

@@ -75,7 +75,7 @@ def identify(
         model_version=component.model.version,
         options=dict(component.model.options),
         parameters={k: float(v) for k, v in result.params.items()},
-        standard_errors={k: float(v) for k, v in result.bse.items()},
+        standard_errors={k: float(v) if np.isfinite(v) else float("nan") for k, v in result.bse.items()},
         covariance=np.asarray(result.cov_scale).tolist(),
         start=int(found[0].time[0]),
         end=int(found[-1].time[-1]),
@@ -86,6 +86,8 @@ def identify(
             "converged": result.converged,
             "unidentifiable": list(result.unidentifiable),
             "at_bound": list(result.at_bound),
+            "flat": [f.words for f in result.flat],
+            "known": [str(k) for k in result.known],
         },
     )
     steps = healthy_steps(plan, component, baseline, history)

@@ -7,7 +7,7 @@ import pytest
 
 from fdd.greybox.fit import fit
 from fdd.greybox.likelihood import Data
-from fdd.greybox.plots import html
+from fdd.greybox.plots import diagnostics, html
 from fdd.greybox.results import FitResult
 from fdd.greybox.simulate import realise
 from fdd.greybox.validate import (
@@ -154,7 +154,7 @@ def test_page_of_plots_has_every_test_of_every_output() -> None:
     t = np.arange(300) * 0.1
     d = realise(problems.ou2d(), np.array([0.7, 3.0, 0.2, 0.3, -1.0, -3.0, -2.5]),
                 Data(t, np.sin(t)[:, None], np.zeros((300, 2))), 5)  # fmt: skip
-    axes = fit(problems.ou2d(), d).plot_diagnostics().axes
+    axes = diagnostics(validate(fit(problems.ou2d(), d))).axes
     titles = [a.get_title() for a in axes]
     for symbol in ("y1", "y2"):
         assert f"{symbol}: one-step prediction" in titles
