@@ -15,7 +15,8 @@ from typing import Any
 
 from fdd.greybox.trace import Expr
 
-Generator = Scope = Any  # those of fdd.greybox.codegen, which calls this module
+Generator = Any  # those of fdd.greybox.codegen, which calls this module
+Scope = Any
 
 _TEMPLATE = '''BEND = 0.0005  # error of a predicted state that one step may make, in standard deviations
 TURN = 0.005  # relative error of a predicted covariance
