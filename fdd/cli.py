@@ -147,6 +147,37 @@ def replay(
         result.print(out)
 
 
+@app.command(
+    epilog=example(
+        "fdd audit plant.yaml healthy.csv --from 2026-03-01",
+        "fdd audit plant.yaml healthy.csv --fit-until 2026-03-01 --json",
+    )
+)
+def audit(
+    site_file: SiteFile,
+    data: DataFile = None,
+    fit_until: Annotated[
+        str | None,
+        typer.Option("--fit-until", help="Fit to what is before this time first, for this audit alone (ISO 8601)."),
+    ] = None,
+    since: Since = None,
+    until: Until = None,
+    as_json: AsJson = False,
+) -> None:
+    """Check the promise of false alarms on a healthy record: alarms that came, of those promised, by chart.
+
+    Every alarm is cleared after a day, so that one that stands hides no others. Alarms on a record with faults are not
+    false: give it one that is known to be healthy.
+    """
+    from fdd.service.audit import audit_site
+
+    found, opened = audit_site(site_file, data, fit_until=fit_until, since=since, until=until, console=screen)
+    if as_json:
+        _print_json(found.document())
+    else:
+        found.print(out, opened.local)
+
+
 @app.command(epilog=example("fdd run plant.yaml"))
 def run(
     site_file: SiteFile,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from fdd.records import NANOSECONDS, IntArray, JsonObject
-from fdd.residual_monitors.budget import spread
+from fdd.residual_monitors.budget import YEAR, spread
 from fdd.residual_monitors.chart import Phase, Verdicts
 from fdd.service.alarms import MODEL, PLANT, subject
 from fdd.service.chart_family import BoolArray, Family, FamilyKind
@@ -74,6 +74,21 @@ class Charts:
     def phases(self) -> dict[str, int]:
         """How many charts are in each phase."""
         return {p.name.lower().replace("_", " "): int((self._phase == p).sum()) for p in Phase}
+
+    @property
+    def promised(self) -> dict[tuple[str, str], float]:
+        """False alarms a year that a component may give by each kind of its charts, which together are the budget."""
+        frames = YEAR * NANOSECONDS / self._plan.step
+        members = [(g, c, b) for g in self._groups for c, b in zip(g.components, g.baselines, strict=True)]
+        found: dict[tuple[str, str], float] = {}
+        for family, arl in zip(FAMILIES, self._allotted, strict=True):
+            streams = {s for f in self._kinds[FAMILIES.index(family)] for s in f.streams}
+            for g, c, b in members:
+                kinds = [s.name.rpartition(":")[2] for s in streams if s.component == c.name]
+                rate = frames / arl[c.name] * family.carried(g, c) * family.used(c, b, arl[c.name])
+                for kind in kinds:
+                    found[c.name, kind] = found.get((c.name, kind), 0.0) + rate / len(kinds)
+        return found
 
     def estimate(self, stream: int, updates: int) -> JsonObject:
         """Size of what a stream has found, where its chart can tell."""

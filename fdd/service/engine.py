@@ -96,6 +96,17 @@ class Engine:
         return kept(self.alarms.tally, self.alarms.open, seconds, self.plan.promised)
 
     @property
+    def promised(self) -> dict[tuple[str, str], float]:
+        """False alarms a year that each component, and each kind of its charts, may give; a chiller's charts as one."""
+        left = (self.plan.promised - self.plan.false_alarms_per_year) / max(1, len(self.plan.chillers))
+        return {**self._charts.promised, **{(c.name, "chiller"): left for c in self._chillers}}
+
+    @property
+    def baselines(self) -> Mapping[str, Baseline]:
+        """The baselines that components and chillers run on."""
+        return self._baselines
+
+    @property
     def notes(self) -> list[str]:
         """The last failure of each chiller in words."""
         return list(self._chillers.notes.values())

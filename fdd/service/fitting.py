@@ -65,6 +65,29 @@ def fit_site(
     UsageError : no such equipment, or nothing could be fitted
     """
     opened = open_site(site_file, data)
+    fitted = fit_opened(opened, since=since, until=until, only=only, starts=starts, console=console)
+    if html:
+        later = _later(opened, until)
+        for path in _write_validation([f for f in fitted if isinstance(f, Fitted)], opened, later, html):
+            console.print(f"validation: {path}")
+    return fitted
+
+
+def fit_opened(
+    opened: Opened,
+    *,
+    since: str | None = None,
+    until: str | None = None,
+    only: Sequence[str] | None = None,
+    starts: int = 3,
+    console: Console,
+) -> list[Fitted | FittedChiller]:
+    """The same for a site that is open, without a page.
+
+    Raises
+    ------
+    UsageError : no such equipment, or nothing could be fitted
+    """
     chosen = _chosen(opened, only)
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("reading", total=None)
@@ -87,10 +110,6 @@ def fit_site(
         raise UsageError("nothing could be fitted\n  " + "\n  ".join(failures))
     for failure in failures:
         console.print(f"[yellow]not fitted:[/yellow] {failure}")
-    if html:
-        later = _later(opened, until)
-        for path in _write_validation([f for f in fitted if isinstance(f, Fitted)], opened, later, html):
-            console.print(f"validation: {path}")
     return fitted
 
 
@@ -165,7 +184,7 @@ def read_span(opened: Opened, since: str | None, until: str | None) -> History:
     return span
 
 
-def _chosen(opened: Opened, only: list[str] | None) -> list[Component | Chiller]:
+def _chosen(opened: Opened, only: Sequence[str] | None) -> list[Component | Chiller]:
     names = [c.name for c in opened.plan.watched]
     for name in only or ():
         if name not in names:

@@ -1,0 +1,155 @@
+"""``fdd audit``: alarms that came, of those promised, with every alarm cleared after a day."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from benchmarks.drifting_room import POINTS, START, Course, plan, simulate
+from fdd.cli import app
+from fdd.records import NANOSECONDS, Baseline, Batch
+from fdd.service.alarms import iso
+from fdd.service.audit import DAY, LOOK, WATCHED, Counter, Kept, pieces, verdict
+from fdd.service.engine import Engine
+from fdd.service.errors import UsageError
+from fdd.service.history import History
+from fdd.service.identify import identify
+from tests.service.room_site import SITE
+
+RUNNER = CliRunner()
+LEARNING, DAYS, BUDGET = 21, 35, 2.0
+FAULT = Course(DAYS, step=0.5, onset=24.0)
+
+
+@pytest.fixture(scope="module")
+def baseline() -> Baseline:
+    """Of a healthy room's first weeks; budget as the default site's."""
+    healthy = simulate(Course(LEARNING), 4)
+    return identify(plan(BUDGET), plan(BUDGET).components[0], healthy)[0]
+
+
+def written(history: History, path: Path) -> Path:
+    with path.open("w", newline="") as file:
+        out = csv.writer(file)
+        out.writerow(["time", *history.columns])
+        out.writerows([iso(t), *row] for t, row in zip(history.time.tolist(), history.values.tolist(), strict=True))
+    return path
+
+
+def folder_of(tmp_path: Path, course: Course) -> tuple[Path, Path]:
+    """A site file without a baseline, and a record."""
+    (tmp_path / "site.yaml").write_text(SITE)
+    return tmp_path / "site.yaml", written(simulate(course, 4), tmp_path / "data.csv")
+
+
+def test_an_alarm_that_stands_hides_no_others(baseline: Baseline) -> None:
+    """A room that loses half as much again rings anew after every clearing; left alone it rings once."""
+    history = simulate(FAULT, 4)
+    batch = Batch.of_table(POINTS, history.time, history.values)
+    alone = Engine(plan(BUDGET), {"room": baseline})
+    standing = {a.key for a in alone.step(batch).alarms if a.evidence.get("kind") is None}
+    counter = Counter(engine := Engine(plan(BUDGET), {"room": baseline}))
+    for piece in pieces(batch):
+        counter.take(engine.step(piece))
+    counter.take(engine.flush())
+    found = counter.result()
+    after = [a for a in found.alarms if a["raised"] >= iso(START + 24 * DAY) and a["kind"] == "plant"]
+    assert len(standing) == 1
+    # Eleven days of a fault that rings within a day, each time cleared a day to a day and a quarter later.
+    assert 4 <= len(after) <= 11
+    times = [np.datetime64(a["raised"].rstrip("Z")) for a in after]
+    assert all(b - a >= np.timedelta64(1, "D") for a, b in pairwise(times))
+    assert found.whole((WATCHED,)).alarms == sum(a["part"] == WATCHED for a in found.alarms)
+
+
+def test_what_is_promised_over_all_places_is_the_budget_over_the_time(baseline: Baseline) -> None:
+    """Two a year over 35 days are 0.1916, whatever the charts are; no chart judges all of it."""
+    assert sum(Engine(plan(BUDGET), {"room": baseline}).promised.values()) == pytest.approx(BUDGET)
+    history = simulate(Course(DAYS), 4)
+    counter = Counter(engine := Engine(plan(BUDGET), {"room": baseline}))
+    for piece in pieces(Batch.of_table(POINTS, history.time, history.values)):
+        counter.take(engine.step(piece))
+    counter.take(engine.flush())
+    found = counter.result()
+    parts = found.by(lambda p: p.part)
+    whole = sum(k.due for k in parts.values())
+    assert whole == pytest.approx(BUDGET * DAYS / 365.25, rel=1e-6)
+    assert parts["fitted"].due / whole == pytest.approx(LEARNING / DAYS, abs=0.25 / DAYS)
+    assert 0.9 * whole < sum(k.promised for k in parts.values()) <= whole
+    months = found.by(lambda p: p.month)
+    assert list(months) == ["2025-10", "2025-11"]
+
+
+@pytest.mark.parametrize(
+    ("count", "low", "high"),
+    [(0, 0.0, 3.689), (1, 0.0253, 5.572), (10, 4.795, 18.390), (20, 12.217, 30.888)],
+)
+def test_intervals_are_those_of_the_published_table(count: int, low: float, high: float) -> None:
+    """Garwood (1936), Biometrika 28, table of 95 % limits; Ulm (1990), Am J Epidemiol 131, 373-375."""
+    told = Kept(count, promised=2.0, due=2.5).document()
+    assert told["low"] == pytest.approx(low / 2, abs=0.0006)
+    assert told["high"] == pytest.approx(high / 2, abs=0.0006)
+    assert (told["ratio"], told["share_judged"]) == (count / 2, 0.8)
+
+
+def test_verdicts_doubt_where_time_is_short() -> None:
+    assert verdict(Kept(10, 0.5, 0.5)).startswith("Not kept")
+    assert verdict(Kept(0, 0.1, 0.1)).startswith("Too little time")
+    assert verdict(Kept(9, 10.0, 10.0)).startswith("Kept")
+    assert "Nothing was judged" in verdict(Kept())
+
+
+def test_pieces_are_the_batch_again_and_end_with_their_span() -> None:
+    time = START + np.arange(300) * 900 * NANOSECONDS
+    batch = Batch.of_table(("a", "b"), time, np.zeros((300, 2)))
+    parts = list(pieces(batch))
+    assert np.array_equal(np.concatenate([p.time for p in parts]), batch.time)
+    assert all(len(np.unique(p.time // LOOK)) == 1 for p in parts)
+    assert len(parts) == len(np.unique(batch.time // LOOK))
+    assert list(pieces(batch.slice(0, 0))) == []
+
+
+def test_a_fit_for_the_audit_changes_nothing_in_the_store(tmp_path: Path) -> None:
+    site, data = folder_of(tmp_path, Course(28))
+    until = iso(START + LEARNING * DAY)
+    said = RUNNER.invoke(app, ["audit", str(site), str(data), "--fit-until", until, "--from", until, "--json"])
+    assert said.exit_code == 0, said.output
+    found = json.loads(said.stdout)
+    assert (found["from"], list(found["parts"])) == (iso(START + LEARNING * DAY), [WATCHED])
+    assert found["all"]["promised"] == pytest.approx(7 / 365.25, rel=0.05)  # one a year by default
+    kept = RUNNER.invoke(app, ["baselines", str(site), "--json"])
+    assert json.loads(kept.stdout) == {"baselines": []}
+    table = RUNNER.invoke(app, ["audit", str(site), str(data), "--fit-until", until])
+    assert "part of the record" in table.stdout
+    assert "promised over the time judged" in table.stdout
+
+
+def test_without_a_baseline_it_says_what_to_do(tmp_path: Path) -> None:
+    site, data = folder_of(tmp_path, Course(2))
+    said = RUNNER.invoke(app, ["audit", str(site), str(data)])
+    assert isinstance(said.exception, UsageError)
+    assert "fdd fit SITE DATA" in str(said.exception)
+
+
+def test_consequences_are_not_counted_and_do_not_outlive_their_cause(baseline: Baseline) -> None:
+    """Two rooms, the second downstream of the first and as faulty: its alarm is the first's, cleared or not."""
+    one = plan(BUDGET)
+    first = one.components[0]
+    second = replace(first, name="next", inputs=first.inputs, outputs=("T2",), upstream=frozenset({"room"}))
+    both = replace(one, points=(*POINTS, "T2"), components=(first, second))
+    history = simulate(FAULT, 4)
+    late = np.where(np.arange(len(history)) < 26 * 96, simulate(Course(DAYS), 4).values[:, 3], history.values[:, 3])
+    batch = Batch.of_table(both.points, history.time, np.column_stack([history.values, late]))
+    counter = Counter(engine := Engine(both, {"room": baseline, "next": replace(baseline, component="next")}))
+    for piece in pieces(batch):
+        counter.take(engine.step(piece))
+    found = counter.result()
+    assert found.consequences >= 1
+    assert not [a for a in found.alarms if a["component"] == "next" and a["raised"] > iso(START + 25 * DAY)][1:]
