@@ -26,6 +26,7 @@ import pint
 from numpy.typing import NDArray
 from pint.facets.plain import PlainUnit
 
+from fdd.limits import EXPRESSION_CHARACTERS, EXPRESSION_DEPTH, EXPRESSION_TERMS, UNIT_POWER
 from fdd.records import FloatArray
 from fdd.units import NAMES, REGISTRY, UnitError, conversion, normalise, si_symbol
 
@@ -38,7 +39,8 @@ class ExpressionError(ValueError):
 
     def __init__(self, text: str, problem: str, remedy: str = "") -> None:
         self.text, self.problem, self.remedy = text, problem, remedy
-        super().__init__(f"expression {text!r}: {problem}" + (f". {remedy}" if remedy else ""))
+        shown = text if len(text) <= 200 else f"{text[:200]}..."
+        super().__init__(f"expression {shown!r}: {problem}" + (f". {remedy}" if remedy else ""))
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +101,7 @@ _KELVIN = REGISTRY.Unit("kelvin")
 _NUMBER_WITH_UNIT = re.compile(
     r"((?<![\w.])\d+\.?\d*(?:[eE][-+]?\d+)?|(?<![\w.])\.\d+(?:[eE][-+]?\d+)?)\s*\[([^\]\[]+)\]"
 )
+_SHORTER = "Name parts of it as derived points of their own, and combine those."
 _QUOTED = re.compile(r"`([^`]+)`")
 _HOLDER = "quoted_point_"
 
@@ -125,20 +128,39 @@ class _Compiler:
         self.points: dict[str, None] = {}
 
     def compile(self) -> Expression:
-        part = self.build(self.parse())
-        symbol = "1" if part.logical else "degC" if part.temperature else si_symbol(part.unit)
+        try:
+            part = self.build(self.parse())
+            symbol = "1" if part.logical else "degC" if part.temperature else si_symbol(part.unit)
+        except (ArithmeticError, RecursionError, pint.PintError) as error:
+            raise self.error(f"its unit cannot be worked out ({type(error).__name__})", _SHORTER) from None
         return Expression(self.text, symbol, tuple(self.points), part.logical, part.evaluate)
 
     def parse(self) -> ast.expr:
         def hold(match: re.Match[str]) -> str:
             self.quoted.append(match[1])
-            return f"{_HOLDER}{len(self.quoted) - 1}"
+            return f" {_HOLDER}{len(self.quoted) - 1} "
 
+        if len(self.text) > EXPRESSION_CHARACTERS:
+            raise self.error(f"{len(self.text)} characters; at most {EXPRESSION_CHARACTERS} are read", _SHORTER)
         source = _NUMBER_WITH_UNIT.sub(r'q(\1, "\2")', _QUOTED.sub(hold, self.text))
         try:
-            return ast.parse(" ".join(source.split()), mode="eval").body
+            tree = ast.parse(" ".join(source.split()), mode="eval").body
         except (SyntaxError, ValueError) as error:
             raise self.error(f"not understood ({error})", "Put names with dashes or spaces in `backticks`.") from None
+        except (RecursionError, MemoryError):  # the parser's own words for nested too deeply
+            raise self.error("nested too deeply", _SHORTER) from None
+        self._bounded(tree)
+        return tree
+
+    def _bounded(self, tree: ast.expr) -> None:
+        """Refuse what is too deep or too long to be built, without recursion."""
+        level, depth, terms = [tree], 0, 0
+        while level:
+            depth, terms = depth + 1, terms + len(level)
+            if depth > EXPRESSION_DEPTH or terms > EXPRESSION_TERMS:
+                bound = f"{EXPRESSION_DEPTH} levels and {EXPRESSION_TERMS} terms"
+                raise self.error(f"nested too deeply or too long; at most {bound} are read", _SHORTER)
+            level = [n for node in level for n in ast.iter_child_nodes(node) if isinstance(n, ast.expr)]
 
     def error(self, problem: str, remedy: str = "") -> ExpressionError:
         return ExpressionError(self.text, problem, remedy)
@@ -156,7 +178,10 @@ class _Compiler:
     def constant(self, node: ast.Constant) -> _Part:
         if isinstance(node.value, bool) or not isinstance(node.value, int | float):
             raise self.error(f"{node.value!r} is no number", "A constant with a unit is written 4186 [J/(kg*K)].")
-        value = float(node.value)
+        try:
+            value = float(node.value)
+        except OverflowError:
+            raise self.error("a constant beyond 1e308") from None
         return _Part(lambda _: np.float64(value), _PLAIN, constant=value)  # type: ignore[arg-type, return-value]
 
     def point(self, node: ast.Name | ast.Attribute) -> _Part:
@@ -174,8 +199,9 @@ class _Compiler:
             return f"{self._dotted(node.value)}.{node.attr}"
         if not isinstance(node, ast.Name):
             raise self.error(f"{ast.unparse(node)!r} is no point name")
-        if node.id.startswith(_HOLDER):
-            return self.quoted[int(node.id.removeprefix(_HOLDER))]
+        number = node.id.removeprefix(_HOLDER)
+        if number != node.id and number.isdecimal() and int(number) < len(self.quoted):
+            return self.quoted[int(number)]
         return node.id
 
     def _name_advice(self, name: str) -> str:
@@ -239,6 +265,8 @@ class _Compiler:
             return _Part(lambda c: np.power(a(c), b(c)), _PLAIN)
         if right.constant is None:
             raise self.error(f"a {left.name} can only be raised to a constant power")
+        if not abs(right.constant) <= UNIT_POWER:
+            raise self.error(f"a {left.name} can only be raised to a power up to {UNIT_POWER}")
         return _Part(lambda c: np.power(a(c), b(c)), _base(left.unit**right.constant))
 
     # Truth
@@ -281,7 +309,7 @@ class _Compiler:
             value = float(known(float(number)))
         except UnitError as error:
             raise self.error(error.statement, error.remedy) from None
-        except (ValueError, TypeError):
+        except (ValueError, TypeError, OverflowError, AttributeError):
             raise self.error(f"{ast.unparse(node)!r} is not understood", 'Write q(4186, "J/(kg*K)").') from None
         constant = np.float64(value)
         temperature = known.si == "degC"

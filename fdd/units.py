@@ -20,6 +20,8 @@ import numpy as np
 import pint
 from numpy.typing import ArrayLike, NDArray
 
+from fdd.limits import UNIT_CHARACTERS, UNIT_POWER
+
 FloatArray = NDArray[np.float64]
 QuantityKind = Literal["temperature", "difference"]
 
@@ -121,6 +123,9 @@ NAMES: Mapping[str, str] = {
     "K/s": "rate of temperature",
 }
 
+# What fits nanoseconds in 64 bits, as times are counted everywhere [s].
+LONGEST_SECONDS = 2.0**63 / 1e9
+
 # Density at 20 degC [kg/m3]. Water: Kell (1975); air at 101 325 Pa: ideal gas; glycols: ASHRAE Fundamentals, ch. 31.
 DENSITIES: Mapping[str, float] = {
     "air": 1.2041,
@@ -192,23 +197,47 @@ def normalise(text: str) -> str:
     return _WORD.sub(word, squeezed)
 
 
+_POWER = re.compile(r"\*\*\s*(?:\(\s*)?([-+]?\d{1,3}(?:\.\d{1,6})?)(?![\d.eExX_])(?:\s*\))?(?!\s*\*\*)")
+
+
+def _bounded(text: str) -> str:
+    """Pint's spelling of a unit that is cheap to work out: short, and with small plain numbers as exponents.
+
+    Raises
+    ------
+    UnitError : neither.
+    """
+    if len(text) > UNIT_CHARACTERS:
+        raise UnitError(
+            f"a unit of {len(text)} characters", value=text[:40], expected=f"at most {UNIT_CHARACTERS} characters"
+        )
+    spelt = normalise(text)
+    powers = _POWER.findall(spelt)
+    if len(powers) != spelt.count("**") or any(abs(float(p)) > UNIT_POWER for p in powers):
+        raise UnitError(f"unit {text!r} has an exponent that is no number up to {UNIT_POWER}", value=text)
+    return spelt
+
+
 @lru_cache(maxsize=4096)
 def _parsed(text: str, quantity: QuantityKind | None) -> tuple[str, float, float]:
     """(SI unit, scale, offset) of a spelled unit."""
+    spelt = _bounded(text)
     try:
-        value = REGISTRY.parse_expression(normalise(text))
-    except Exception as error:  # pint raises its own, tokenizer and attribute errors alike
+        value = REGISTRY.parse_expression(spelt)
+        measure = value if isinstance(value, pint.Quantity) else REGISTRY.Quantity(float(value), "dimensionless")
+        name = str(measure.units)
+        base = measure.to_base_units()
+        scale, symbol = float(base.magnitude), si_symbol(base.units)
+    except Exception as error:  # pint raises its own, tokenizer, arithmetic and attribute errors alike
         raise UnitError(f"unit {text!r} is not known", value=text, remedy=_spelling_advice(text)) from error
-    measure = value if isinstance(value, pint.Quantity) else REGISTRY.Quantity(float(value), "dimensionless")
-    unit = measure.units
-    name = str(unit)
     if name in {"degree_Celsius", "degree_Fahrenheit"}:
+        if float(measure.magnitude) != 1.0:
+            raise UnitError(f"unit {text!r} is a number of degrees, not a unit", value=text, remedy="Write degC.")
         if quantity == "difference":
             return "K", 5.0 / 9.0 if name == "degree_Fahrenheit" else 1.0, 0.0
         return ("degC", 5.0 / 9.0, -160.0 / 9.0) if name == "degree_Fahrenheit" else ("degC", 1.0, 0.0)
-    base = measure.to_base_units()
-    scale = float(base.magnitude)
-    symbol = si_symbol(base.units)
+    if not 0.0 < abs(scale) < np.inf:
+        raise UnitError(f"unit {text!r} is {scale:g} {symbol}, no unit", value=text)
     if quantity == "temperature":
         if symbol != "K" or name.startswith("delta"):
             raise UnitError(f"unit {text!r} is no temperature", value=text, expected="degC, degF or K")
@@ -240,6 +269,9 @@ def dimension_name(unit: str) -> str:
     return NAMES.get(symbol, symbol)
 
 
+_NUMBER = r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?"
+
+
 def water_density(temperature: float) -> float:
     """Density of water at atmospheric pressure [kg/m3] at a temperature [degC], 0 to 150 degC (Kell, 1975, Eq. 16)."""
     t = temperature
@@ -259,7 +291,9 @@ def density(fluid: str | float) -> float:
     if isinstance(fluid, int | float):
         return float(fluid)
     text = " ".join(fluid.lower().split())
-    match = re.fullmatch(r"water(?: at ([-+\d.]+) ?(\S+))?", text)
+    if len(text) > UNIT_CHARACTERS:
+        raise UnitError(f"a fluid of {len(text)} characters", value=text[:40], expected=f"at most {UNIT_CHARACTERS}")
+    match = re.fullmatch(rf"water(?: at ({_NUMBER}) ?(\S+))?", text)
     if match:
         at = float(convert(float(match[1]), match[2], "degC")) if match[1] else 20.0
         if not 0.0 <= at <= 150.0:
@@ -269,8 +303,8 @@ def density(fluid: str | float) -> float:
         return water_density(at)
     if text in DENSITIES:
         return DENSITIES[text]
-    number = re.fullmatch(r"([-+\d.e]+) ?(\S+)", text)
-    if number:
+    number = re.fullmatch(rf"({_NUMBER}) ?(\S+)", text)
+    if number and 0.0 < float(number[1]) < 1e9:
         return float(to_si(float(number[1]), number[2], "kg/m3"))
     raise UnitError(
         f"fluid {fluid!r} is not known",
@@ -354,7 +388,7 @@ def si_unit(unit: str, *, quantity: QuantityKind | None = None, fluid: str | flo
     return conversion(unit, quantity=quantity, fluid=fluid).si
 
 
-_DURATION = re.compile(r"([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*([A-Za-z]+)")
+_DURATION = re.compile(rf"({_NUMBER})\s*([A-Za-z]+)")
 
 
 def seconds(text: str | float) -> float:
@@ -362,14 +396,18 @@ def seconds(text: str | float) -> float:
 
     Raises
     ------
-    UnitError : a bare number (its unit would be a guess), or a unit that is no time.
+    UnitError : a bare number (its unit would be a guess), a unit that is no time, more than can be counted.
     """
-    match = _DURATION.fullmatch(text.strip()) if isinstance(text, str) else None
+    short = isinstance(text, str) and len(text) <= UNIT_CHARACTERS
+    match = _DURATION.fullmatch(text.strip()) if isinstance(text, str) and short else None
     if match is None:
         raise UnitError(
-            f"{text!r} is no duration",
-            value=str(text),
+            f"{text!r:.100} is no duration",
+            value=str(text)[:UNIT_CHARACTERS],
             expected="a number with a unit",
             remedy="Write it like '5 min' or '2 h'.",
         )
-    return float(to_si(float(match[1]), match[2], "s"))
+    number, unit = float(match[1]), conversion(match[2], "s")
+    if not abs(number) < LONGEST_SECONDS / unit.scale:
+        raise UnitError(f"{text!r} is longer than can be counted", value=str(text), expected="less than 290 years")
+    return float(unit(number))

@@ -61,7 +61,7 @@ def _rows(export: str) -> list[Mapping[str, Any]]:
     try:
         grid = json.loads(export)
         rows: list[Mapping[str, Any]] = [dict(row) for row in grid["rows"]]
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         raise ExportError("no Haystack grid: expected JSON with a list 'rows'") from None
     return rows
 

@@ -10,8 +10,18 @@ import json
 from collections import deque
 from threading import Lock
 
+from fdd.limits import (
+    ANSWER_BYTES,
+    ANSWER_MESSAGES,
+    NAME_CHARACTERS,
+    QUESTION_BYTES,
+    LimitError,
+    json_within,
+    text_within,
+)
 from ingest.message import MalformedMessage
 
+# A message beyond this size goes alone; a reader takes answers of twice the largest message.
 _ANSWER_BYTES = 2_000_000
 
 
@@ -33,8 +43,10 @@ class History:
     def answer(self, question: bytes) -> bytes:
         """What comes after the asker's last message, as much as fits one answer."""
         try:
-            last = int(json.loads(question)["have"].get(self.stream, 0))
-        except (ValueError, TypeError, KeyError, AttributeError):
+            last = json_within(question, QUESTION_BYTES)["have"].get(self.stream, 0)
+        except (LimitError, TypeError, KeyError, AttributeError):
+            last = 0
+        if type(last) is not int:
             last = 0  # who does not say gets everything
         with self._lock:
             oldest = self._newest - len(self._kept) + 1
@@ -43,7 +55,7 @@ class History:
         lines, size = [head], 0
         for message in kept:
             size += len(message)
-            if size > _ANSWER_BYTES and len(lines) > 1:
+            if len(lines) > ANSWER_MESSAGES or (size > _ANSWER_BYTES and len(lines) > 1):
                 break
             lines.append(message)
         return b"\n".join(lines)
@@ -56,8 +68,12 @@ def read_answer(answer: bytes) -> tuple[str, list[bytes]]:
     ------
     MalformedMessage : not an answer.
     """
+    if len(answer) > ANSWER_BYTES or answer.count(b"\n") > ANSWER_MESSAGES:
+        held = f"{len(answer)} bytes in {answer.count(10)} messages"
+        raise MalformedMessage(f"an answer of {held}; at most {ANSWER_BYTES} bytes in {ANSWER_MESSAGES} are read")
     head, *messages = answer.split(b"\n")
     try:
-        return str(json.loads(head)["stream"]), messages
-    except (ValueError, TypeError, KeyError):
+        stream = json_within(head, QUESTION_BYTES)["stream"]
+        return text_within(stream, 2 * NAME_CHARACTERS + 1, "stream"), messages
+    except (LimitError, TypeError, KeyError):
         raise MalformedMessage(f"no answer of a publisher's history; it starts {head[:80]!r}") from None

@@ -10,6 +10,7 @@ from queue import Empty, Full, Queue
 import numpy as np
 import structlog
 
+from fdd.limits import STREAMS
 from fdd.records import Batch, JsonObject
 from ingest.history import read_answer
 from ingest.message import MalformedMessage, Message, decode
@@ -20,6 +21,10 @@ log = structlog.get_logger()
 IDLE_SECONDS = 1.0
 _POLL_SECONDS = 0.1
 _PATIENCE_SECONDS = 5.0
+# Streams of which no history has answered yet share this much waiting: [s] in every minute.
+_STRANGERS_SECONDS, _STRANGERS_EVERY = 5.0, 60.0
+# Answers of two megabytes each that one turn of catching up reads.
+_ROUNDS = 1000
 _TOGETHER = 64
 _NOTES = 20
 
@@ -53,6 +58,8 @@ class Inbox:
         self._ended = False
         self._stopped = False
         self._malformed = 0
+        self._answered: set[str] = set()
+        self._waited, self._waited_since = 0.0, clock.monotonic()
         self.received = 0
         self.notes: list[str] = []
 
@@ -81,6 +88,7 @@ class Inbox:
             "malformed message": self._malformed,
             "message repeated": self._ledger.repeated,
             "message lost": self._ledger.lost,
+            "message far from the last number": self._ledger.far,
         }
         return {k: v for k, v in counts.items() if v}
 
@@ -139,18 +147,32 @@ class Inbox:
 
     def _missed(self, before: Message | None) -> Iterator[Message]:
         """What the publishers' histories still hold; patient until the stream of ``before`` has answered."""
-        deadline = clock.monotonic() + _PATIENCE_SECONDS
-        while self._ask is not None and not self._stopped:
+        begun = clock.monotonic()
+        patience = 0.0 if before is None else self._patience(before.stream, begun)
+        for _ in range(_ROUNDS):
+            if self._ask is None or self._stopped:
+                return
+            known = self._ledger.last
             streams, payloads = self._answers()
             for payload in payloads:
                 message = self._decode(payload, decode)
                 if message is not None:
                     yield from self._take(message)
-            if payloads:
-                continue  # an answer is of bounded length: there may be more
-            if before is None or before.stream in streams or clock.monotonic() > deadline:
-                return
+            if payloads and self._ledger.last != known:
+                continue  # an answer is of bounded length: there may be more; one that repeats itself has no more
+            if before is None or before.stream in streams or clock.monotonic() >= begun + patience:
+                break
             clock.sleep(_POLL_SECONDS)
+        if before is not None and before.stream not in self._answered:
+            self._waited += clock.monotonic() - begun
+
+    def _patience(self, stream: str, now: float) -> float:
+        """How long a stream's history may take [s]: invented streams must not make the others wait."""
+        if stream in self._answered:
+            return _PATIENCE_SECONDS
+        if now - self._waited_since > _STRANGERS_EVERY:
+            self._waited, self._waited_since = 0.0, now
+        return max(_STRANGERS_SECONDS - self._waited, 0.0)
 
     def _answers(self) -> tuple[set[str], list[bytes]]:
         streams: set[str] = set()
@@ -164,6 +186,9 @@ class Inbox:
                 continue
             streams.add(stream)
             payloads += messages
+        self._answered |= streams
+        if len(self._answered) > STREAMS:
+            self._answered = streams
         return streams, payloads
 
     def _decode(self, payload: bytes, how: Callable[[bytes], Message]) -> Message | None:

@@ -80,7 +80,9 @@ class PointMap:
             )
             at, point = batch.point, point[known]
         bad = self._rejected(batch, table)
-        value = batch.value * table.scale[at] + table.offset[at] if len(at) else batch.value
+        with np.errstate(over="ignore"):  # beyond what SI can be written in: no value
+            value = batch.value * table.scale[at] + table.offset[at] if len(at) else batch.value
+        bad |= ~np.isfinite(value)
         value = np.where(bad, np.nan, value)
         quality = np.where(bad, np.uint8(Quality.BAD), batch.quality)
         return Batch(self.names, point, batch.time, value, quality, batch.position)

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from fdd.limits import MESSAGE_BYTES, MESSAGE_NAMES, MESSAGE_SAMPLES, SEQUENCE, LimitError, json_within, name_within
 from fdd.records import Batch, IntArray, Quality
 
 VERSION = 1
@@ -76,20 +77,24 @@ def decode(payload: bytes) -> Message:
     MalformedMessage : no JSON, another version, missing columns, lengths that differ, values that are no numbers.
     """
     try:
-        table = json.loads(payload)
-    except (ValueError, RecursionError) as error:
-        raise MalformedMessage(f"no JSON ({error})") from None
+        table = json_within(payload, MESSAGE_BYTES)
+        return _message(table)
+    except LimitError as error:
+        raise MalformedMessage(str(error)) from None
+
+
+def _message(table: Any) -> Message:
     if not isinstance(table, dict):
         raise MalformedMessage(f"a JSON {type(table).__name__}, not an object")
     if table.get("v") != VERSION:
-        raise MalformedMessage(f"version {table.get('v')!r}; this reader knows {VERSION}")
+        raise MalformedMessage(f"version {table.get('v')!r:.40}; this reader knows {VERSION}")
     seq = table.get("seq")
-    if seq is not None and (type(seq) is not int or seq < 1):
-        raise MalformedMessage(f"seq {seq!r} is no count from 1")
+    if seq is not None and (type(seq) is not int or not 1 <= seq <= SEQUENCE):
+        raise MalformedMessage(f"seq {seq!r:.40} is no count from 1 to {SEQUENCE}")
     return Message(
         batch=_batch(table),
-        publisher=str(table.get("publisher", "")),
-        run=str(table.get("run", "")),
+        publisher=name_within(table.get("publisher", ""), "publisher"),
+        run=name_within(table.get("run", ""), "run"),
         seq=seq,
         end=table.get("end") is True,
     )
@@ -97,14 +102,22 @@ def decode(payload: bytes) -> Message:
 
 def _batch(table: dict[str, Any]) -> Batch:
     names = table.get("names", [])
-    if not isinstance(names, list) or not all(isinstance(n, str) for n in names):
+    if not isinstance(names, list):
         raise MalformedMessage("names is no list of texts")
+    if len(names) > MESSAGE_NAMES:
+        raise MalformedMessage(f"{len(names)} names; at most {MESSAGE_NAMES} are taken")
+    for name in names:
+        name_within(name, "a name")
     time = _integers(table, "time", np.int64)
     value = _numbers(table)
+    if len(value) > MESSAGE_SAMPLES:
+        raise MalformedMessage(f"{len(value)} samples; at most {MESSAGE_SAMPLES} are taken")
     if "point" in table:
         point = _integers(table, "point", np.int32)
         if len(point) and not (point.min() >= 0 and point.max() < len(names)):
             raise MalformedMessage(f"point has an index outside 0 to {len(names) - 1}")
+    elif len(names) * len(time) != len(value):  # before the table is spread out: its size is the sender's choice
+        raise MalformedMessage(f"{len(value)} values for a table of {len(time)} times and {len(names)} names")
     else:
         point = np.tile(np.arange(len(names), dtype=np.int32), len(time))
         time = np.repeat(time, len(names))

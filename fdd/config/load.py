@@ -13,9 +13,12 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
 from fdd.config.base import ConfigError, SourceOptions, suggestion
 from fdd.config.schema import Site
+from fdd.limits import SITE_FILE_BYTES, SITE_FILE_DEPTH, SITE_FILE_ENTRIES, UNPRINTABLE
 
 Loc = tuple[str | int, ...]
 _SUFFIXES = {"parquet": {".parquet", ".pq"}, "excel": {".xlsx", ".xls", ".xlsm", ".xlsb", ".ods"}}
+# Blanks and dashes that may stand before the first word of a line.
+_INDENTED = 200
 
 
 def load_site(path: Path | str) -> Site:
@@ -27,7 +30,8 @@ def load_site(path: Path | str) -> Site:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        with path.open("rb") as opened:
+            text = opened.read(SITE_FILE_BYTES + 1).decode()
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError("", 0, f"cannot be read ({error})", "Check the path.", file=str(path)) from None
     return parse_site(text, folder=path.resolve().parent, file=str(path))
@@ -40,8 +44,11 @@ def parse_site(text: str, *, folder: Path | None = None, file: str = "") -> Site
     ------
     ConfigError : as :func:`load_site`.
     """
+    if len(text) > SITE_FILE_BYTES:
+        problem = f"is longer than {SITE_FILE_BYTES} bytes"
+        raise ConfigError("", 0, problem, "Is this the site file, and not its data?", file=file)
     tree = _yaml(text, file)
-    table = _plain(tree)
+    table = _Plain(tree, file).table()
     if "source" in table and "sources" in table:
         raise _located(tree, ("source",), "both 'source' and 'sources' are given", "Keep 'sources', a list.", file)
     if "source" in table:
@@ -76,14 +83,32 @@ def with_data(site: Site, path: Path | str) -> Site:
     return site.model_copy(update={"sources": (options,), "points": points})
 
 
+def _require_shallow(text: str, file: str) -> None:
+    """Refuse in no time what takes a YAML parser minutes: brackets or dashes within each other by the thousand.
+
+    Raises
+    ------
+    ConfigError : deeper than any site, counting brackets in texts and comments along.
+    """
+    for number, line in enumerate(text.splitlines(), 1):
+        depth = max(line.count("[") - line.count("]"), line.count("{") - line.count("}"))
+        marks = len(line) - len(line.lstrip(" -?:&*!"))
+        if depth > SITE_FILE_DEPTH or marks > _INDENTED:
+            raise ConfigError("", number, f"is nested deeper than {SITE_FILE_DEPTH} levels", "", file=file)
+
+
 def _yaml(text: str, file: str) -> CommentedMap:
+    _require_shallow(text, file)
     try:
         tree = YAML(typ="rt").load(text)
     except MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 0
         raise ConfigError("", line, _yaml_problem(error), _yaml_remedy(error), file=file) from None
-    except YAMLError as error:
-        raise ConfigError("", 0, f"is no YAML ({error})", "", file=file) from None
+    except (YAMLError, ValueError, TypeError, ArithmeticError, AttributeError, LookupError) as error:
+        # A date or number that YAML recognises and Python has none of comes out as one of Python's own.
+        raise ConfigError("", 0, f"is no YAML ({error!s:.200})", "Put names and dates in quotes.", file=file) from None
+    except RecursionError:
+        raise ConfigError("", 0, f"is nested deeper than {SITE_FILE_DEPTH} levels", "", file=file) from None
     if not isinstance(tree, CommentedMap):
         raise ConfigError("", 1, "holds no keys", "Start with 'name: My building'.", file=file)
     return tree
@@ -106,18 +131,55 @@ def _yaml_remedy(error: MarkedYAMLError) -> str:
     return "Check indentation, colons and quotes on this line and the one before."
 
 
-def _plain(node: Any) -> Any:
-    """Ordinary dicts, lists and scalars; ruamel's keep formatting that nothing here needs."""
-    if isinstance(node, Mapping):
-        return {str(k): _plain(v) for k, v in node.items()}
-    if isinstance(node, list):
-        return [_plain(v) for v in node]
-    if isinstance(node, bool) or node is None:
-        return node
-    for kind in (int, float, str):
-        if isinstance(node, kind):
-            return kind(node)
-    return str(node)
+class _Plain:
+    """Ordinary dicts, lists and scalars; ruamel's keep formatting that nothing here needs.
+
+    What a name (``*anchor``) repeats is written out: it counts as often as it stands there.
+    """
+
+    def __init__(self, tree: CommentedMap, file: str) -> None:
+        self._tree, self._file = tree, file
+        self._entries = 0
+
+    def table(self) -> dict[str, Any]:
+        """The whole tree.
+
+        Raises
+        ------
+        ConfigError : too deep, too long, a number that is none here.
+        """
+        for k in self._tree:
+            self._printable(str(k), ())
+        return {str(k): self._plain(v, (str(k),)) for k, v in self._tree.items()}
+
+    def _printable(self, text: str, loc: Loc) -> None:
+        found = UNPRINTABLE.search(text.replace("\n", " ").replace("\t", " "))
+        if found:
+            problem = f"holds the character U+{ord(found.group()):04X}, which cannot be printed"
+            raise _located(self._tree, loc, problem, "Take it out.", self._file)
+
+    def _plain(self, node: Any, loc: Loc) -> Any:
+        self._entries += 1
+        if len(loc) > SITE_FILE_DEPTH or self._entries > SITE_FILE_ENTRIES:
+            bound = f"{SITE_FILE_DEPTH} levels and {SITE_FILE_ENTRIES} entries"
+            raise _located(self._tree, loc[:1], f"is nested too deeply or too long; at most {bound}", "", self._file)
+        if isinstance(node, Mapping):
+            for k in node:
+                self._printable(str(k), loc)
+            return {str(k): self._plain(v, (*loc, str(k))) for k, v in node.items()}
+        if isinstance(node, list):
+            return [self._plain(v, (*loc, i)) for i, v in enumerate(node)]
+        if isinstance(node, bool) or node is None:
+            return node
+        if isinstance(node, int) and abs(node) >= 2**63:
+            problem, remedy = "is a whole number beyond 64 bits", "Put it in quotes if it is a name."
+            raise _located(self._tree, loc, problem, remedy, self._file)
+        if isinstance(node, str):
+            self._printable(node, loc)
+        for kind in (int, float, str):
+            if isinstance(node, kind):
+                return kind(node)
+        return str(node)
 
 
 def _sources(tree: CommentedMap, table: Any, file: str) -> Iterator[SourceOptions]:
@@ -127,6 +189,8 @@ def _sources(tree: CommentedMap, table: Any, file: str) -> Iterator[SourceOption
         return
     key = "source" if "source" in tree else "sources"
     single = isinstance(table, dict)
+    if not isinstance(table, list | dict):
+        raise _located(tree, (key,), f"{table!r:.60} is no source", "Give 'kind' and its keys below it.", file)
     for i, options in enumerate([table] if single else table):
         loc: Loc = (key,) if single else (key, i)
         if not isinstance(options, dict) or "kind" not in options:
@@ -166,7 +230,7 @@ def _one(details: Any, tree: CommentedMap, prefix: Loc, file: str) -> ConfigErro
     if details["type"] == "missing":
         return _located(tree, loc, "is missing", "Add it.", file)
     value = details.get("input")
-    shown = "" if isinstance(value, dict | list) else f" (it is {value!r})"
+    shown = "" if isinstance(value, dict | list) else f" (it is {value!r:.100})"
     return _located(tree, loc, f"{details['msg'][0].lower()}{details['msg'][1:]}{shown}", "", file)
 
 

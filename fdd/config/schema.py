@@ -11,6 +11,7 @@ from pydantic import Field, PrivateAttr, SerializeAsAny, field_validator, model_
 
 from fdd.config.base import Duration, DurationOrZero, SourceOptions, Strict, UnitText, Zone, refusal, suggestion
 from fdd.expressions import Expression, ExpressionError, compile_expression
+from fdd.limits import LimitError, name_within
 from fdd.units import Conversion, QuantityKind, UnitError, conversion
 
 CHILLER = "gordon_ng"
@@ -197,6 +198,13 @@ class InfluxStore(Strict):
     token_env: str | None = Field(default=None, description="environment variable that holds the token")
     ca_file: Path | None = Field(default=None, description="certificate that signed the server's, for https")
 
+    @field_validator("url")
+    @classmethod
+    def _without_secrets(cls, value: str) -> str:
+        if "@" in value:  # the address is printed in errors and in the log
+            raise refusal("the address holds a user or a password", "Take them out; use token_file or token_env.")
+        return value
+
     @model_validator(mode="after")
     def _one_token(self) -> InfluxStore:
         if (self.token_file is None) == (self.token_env is None):
@@ -239,6 +247,17 @@ class Site(Strict):
     equipment: dict[str, Equipment] = Field(default={}, description="equipment name to what it is")
 
     _folder: Path = PrivateAttr(default_factory=Path.cwd)
+
+    @field_validator("name")
+    @classmethod
+    def _name(cls, value: str) -> str:
+        try:
+            name_within(value, "the name")
+        except LimitError as error:
+            raise refusal(str(error), "Give a short name.") from None
+        if "/" in value or value in ("", ".", ".."):
+            raise refusal(f"{value!r} cannot be a name: files are named after the site", "Write a word.")
+        return value
 
     @field_validator("metrics")
     @classmethod

@@ -86,7 +86,7 @@ class Poller:
     def _number(self, value: Any) -> float | None:
         try:
             return float(value)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             self._count("object without a number", 1)
             return None
 

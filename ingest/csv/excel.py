@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -45,8 +46,8 @@ class ExcelSource(FileSource):
             for column in table.time_columns:
                 frame[column] = whole_times(frame[column])
             stop = start + len(frame)
-            numbers = self._numbered(np.arange(start, stop, dtype=np.int64))
-            yield replace(table.batch(frame, numbers), position=self._after(stop, stop))
+            numbers = np.arange(start, stop, dtype=np.int64)
+            yield replace(self._samples(table, frame, numbers, path), position=self._after(stop, stop))
 
 
 def read_sheet(path: Path, sheet: str | int = 0, rows: int | None = None) -> pd.DataFrame:
@@ -57,10 +58,28 @@ def read_sheet(path: Path, sheet: str | int = 0, rows: int | None = None) -> pd.
     Refused : no workbook, or no such sheet.
     """
     try:
+        _require_plausible(path)
         cells = pd.read_excel(path, sheet_name=sheet, header=None, dtype=object, engine="calamine", nrows=rows)
-    except Exception as error:  # the reader raises its own kinds
+    except Refused:
+        raise
+    except (KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # the reader raises its own kinds; what it calls a panic is no Exception
         raise Refused(f"{path.name}, sheet {sheet!r} cannot be read ({error}); check path and sheet") from None
     return cells
+
+
+def _require_plausible(path: Path) -> None:
+    """Refuse a workbook whose parts unpack to what no plant ever wrote.
+
+    Raises
+    ------
+    Refused : as it says.
+    """
+    if not zipfile.is_zipfile(path):
+        return
+    with zipfile.ZipFile(path) as parts:
+        FileSource.require_plausible(path, sum(part.file_size for part in parts.infolist()))
 
 
 def whole_times(column: pd.Series) -> pd.Series:

@@ -6,6 +6,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from pathlib import Path
 
+import pandas as pd
+
+from fdd.limits import UNPACKED_BYTES, UNPACKED_RATIO
 from fdd.records import Batch, IntArray, JsonObject
 from ingest.csv.localtime import Clock
 from ingest.csv.options import FileOptions
@@ -88,6 +91,37 @@ class FileSource(ABC):
 
     def _table(self, header: list[str], path: Path) -> Table:
         return Table(header, self._options, self._clock, self._context.columns, path.name, self._counts)
+
+    def _samples(self, table: Table, frame: pd.DataFrame, rows: IntArray, path: Path) -> Batch:
+        """The samples of some rows; none, and a count, where a damaged file made them what no clock or number is.
+
+        Raises
+        ------
+        Refused : what the site file says does not fit the file.
+        """
+        try:
+            return table.batch(frame, self._numbered(rows))
+        except Refused:
+            raise
+        except Exception as error:  # pandas and NumPy have many kinds for what they cannot convert
+            where = f"{path.name}, rows {int(rows[0]) + 1} to {int(rows[-1]) + 1}"
+            self._count("row cannot be read", len(frame), f"{where}: {type(error).__name__}: {error!s:.200}")
+            return Batch.of([])
+
+    @staticmethod
+    def require_plausible(path: Path, unpacked: int) -> None:
+        """Refuse a small file that unpacks to what no plant ever wrote.
+
+        Raises
+        ------
+        Refused : beyond :data:`UNPACKED_BYTES` and :data:`UNPACKED_RATIO` times its size.
+        """
+        size = path.stat().st_size
+        if unpacked > max(UNPACKED_BYTES, UNPACKED_RATIO * size):
+            raise Refused(
+                f"{path.name} has {size} bytes and unpacks to more than {unpacked}; {UNPACKED_RATIO} times its size is "
+                "read. If it is genuine, unpack it first"
+            )
 
     def _after(self, line: int, row: int) -> JsonObject:
         here = {"file": self._position["file"], "before": self._position["before"]}

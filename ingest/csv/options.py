@@ -62,7 +62,7 @@ class FileOptions(SourceOptions):
     time: TimeOptions = Field(default=TimeOptions(), description="where time stands and how it is written")
     long: LongOptions | None = Field(default=None, description="for files with one value a line")
     missing: tuple[str, ...] = Field(default=(), description="texts that mean 'no value', such as 'N/A' or '-9999'")
-    batch_rows: int = Field(default=20_000, gt=0, description="rows in a batch")
+    batch_rows: int = Field(default=20_000, gt=0, le=1_000_000, description="rows in a batch")
 
     @field_validator("missing", mode="before")
     @classmethod

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 
+from fdd.limits import MESSAGE_BYTES, NAME_CHARACTERS, LimitError, json_within, name_within
 from fdd.records import Batch, Sample
 from ingest.message import MalformedMessage, Message
 
@@ -20,9 +20,18 @@ def number(value: Any) -> float | None:
     ------
     MalformedMessage : neither.
     """
-    if value is None or isinstance(value, bool | int | float):
-        return None if value is None else float(value)
-    text = str(value).strip()
+    if value is None:
+        return None
+    if isinstance(value, bool | int | float):
+        try:
+            return float(value)
+        except OverflowError:
+            raise MalformedMessage("the value is a whole number beyond 1e308") from None
+    if not isinstance(value, str):
+        raise MalformedMessage(f"the value is a {type(value).__name__}, no number")
+    text = value.strip()
+    if len(text) > NAME_CHARACTERS:
+        raise MalformedMessage(f"the value has {len(text)} characters; at most {NAME_CHARACTERS} are read")
     if text.lower() in _WORDS:
         return _WORDS[text.lower()]
     try:
@@ -33,7 +42,8 @@ def number(value: Any) -> float | None:
 
 def bare_value(topic: str, payload: bytes, arrival: int) -> Message:
     """A payload that is nothing but the value."""
-    return _sample(topic, arrival, number(payload.decode("utf-8", "replace")))
+    # A text that is longer than any number is refused there, with its length.
+    return _sample(topic, arrival, number(payload[: 4 * NAME_CHARACTERS + 8].decode("utf-8", "replace")))
 
 
 def json_object(
@@ -41,21 +51,29 @@ def json_object(
 ) -> Message:
     """A payload that is an object with the value and perhaps its time."""
     try:
-        table = json.loads(payload)
-    except (ValueError, RecursionError) as error:
-        raise MalformedMessage(f"no JSON ({error})") from None
+        table = json_within(payload, MESSAGE_BYTES)
+    except LimitError as error:
+        raise MalformedMessage(str(error)) from None
     if not isinstance(table, dict) or value_key not in table:
         raise MalformedMessage(f"no object with key {value_key!r}")
     time = arrival
     if time_key is not None:
-        stamp = table.get(time_key)
-        if isinstance(stamp, bool) or not isinstance(stamp, int | float) or not math.isfinite(stamp):
-            raise MalformedMessage(f"{time_key!r} is {stamp!r}, no time in {time_unit} since 1970")
-        time = round(stamp * _UNITS[time_unit])
-        if abs(time) >= 2**63:
-            raise MalformedMessage(f"{time_key!r} is {stamp!r}, too large for a time in {time_unit}; check time_unit")
+        time = _time(table.get(time_key), time_key, time_unit)
     return _sample(topic, time, number(table[value_key]))
 
 
+def _time(stamp: Any, key: str, unit: str) -> int:
+    if isinstance(stamp, bool) or not isinstance(stamp, int | float) or not abs(stamp) < math.inf:
+        raise MalformedMessage(f"{key!r} is {stamp!r:.60}, no time in {unit} since 1970")
+    # Compared before it is multiplied and rounded: neither is possible for every number.
+    if abs(stamp) >= 2**63 / _UNITS[unit]:
+        raise MalformedMessage(f"{key!r} is {stamp!r:.60}, too large for a time in {unit}; check time_unit")
+    return round(stamp * _UNITS[unit])
+
+
 def _sample(topic: str, time: int, value: float | None) -> Message:
+    try:
+        name_within(topic, "the topic")
+    except LimitError as error:
+        raise MalformedMessage(str(error)) from None
     return Message(Batch.of([Sample(topic, time, value)]))

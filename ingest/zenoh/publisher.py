@@ -15,6 +15,8 @@ from ingest.message import encode
 from ingest.zenoh.options import ZenohOptions
 from ingest.zenoh.session import declare_publisher, open_session
 
+# What a message holds at most: well below the bounds of a reader, in samples and in bytes.
+_SAMPLES = 50_000
 _NOTHING = Batch((), np.empty(0, np.int32), np.empty(0, np.int64), np.empty(0), np.empty(0, np.uint8))
 
 
@@ -55,8 +57,9 @@ class ZenohPublisher:
         return True
 
     def publish(self, batch: Batch) -> None:
-        """Send a batch; waits while the reader is behind."""
-        self._send(batch, end=False)
+        """Send a batch, in as many messages as it needs; waits while the reader is behind."""
+        for start in range(0, max(len(batch), 1), _SAMPLES):
+            self._send(batch.slice(start, start + _SAMPLES), end=False)
 
     def end(self) -> None:
         """Say that the stream is over."""
