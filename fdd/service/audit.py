@@ -339,7 +339,7 @@ def _owner(chart: str) -> tuple[str, str]:
 
 
 def _named(alarm: Alarm) -> list[JsonObject]:
-    return [{"name": c["name"], "probability": c.get("probability")} for c in alarm.causes[:3]]
+    return [{"name": c["name"], "likelihood": c.get("likelihood")} for c in alarm.causes[:3]]
 
 
 def _month(time: int) -> str:
