@@ -1,26 +1,23 @@
-"""Plants that no model of the project has drawn: made by their own scripts, one folder each, ready for ``fdd``.
+"""Plants that no model of the project has drawn: made by their own scripts, ready for ``fdd``.
 
     python -m benchmarks.foreign_plants --foreign DIR --to FOLDER --sets house-dev house-report substation-dev
 
-Every plant gets ``site.yaml`` and a data file for each case: ``healthy.csv`` over the heating season and spring, and
-shorter twins with one fault each, which equal the healthy rows until the fault begins. Which effects are on is drawn by
-a seeded generator for each group of plants that one run of the script makes, and stands in ``truth.json``.
+One run of a script makes a few plants side by side: a site of several houses with a budget each. Every such site gets a
+folder for each case: ``healthy`` over the heating season and spring, and shorter twins with one fault each, which equal
+the healthy rows until the fault begins. Which effects are on is drawn by a seeded generator for each site, and stands
+in its ``truth.json``.
 """
 
 from __future__ import annotations
 
 import argparse
-import csv
-import json
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
-import yaml
 from rich.progress import track
 
 START = "2025-11-01"
@@ -101,46 +98,26 @@ def groups(kind: Kind, seeds: Sequence[int]) -> Iterator[Sequence[int]]:
         yield seeds[start : start + kind.together]
 
 
+def folder_of(to: Path, kind: Kind, seeds: Sequence[int]) -> Path:
+    """Folder of a group of plants; under it there is one for each case."""
+    return to / f"{kind.prefix}{seeds[0]}-{seeds[-1]}"
+
+
 def make(foreign: Path, kind: Kind, seeds: Sequence[int], case: Case, to: Path) -> None:
-    """Run the script for one case of a group, unless it is there, and cut what it writes into one folder a plant."""
-    if all((to / f"{kind.prefix}{s}" / f"{case.name}.csv").exists() for s in seeds):
+    """Run the script for one case of a group, unless it is there."""
+    folder = folder_of(to, kind, seeds) / case.name
+    if folder.exists():
         return
     without, further = effects(kind, seeds[0])
-    with TemporaryDirectory() as made:
-        command = [
-            *(sys.executable, str(foreign / kind.script), "--seed", str(seeds[0]), "--count", str(len(seeds))),
-            *("--start", START, "--days", str(case.days), "--without", ",".join(without), "--with", ",".join(further)),
-            *("--fault", case.fault, "--severity", str(case.severity), "--onset", str(min(ONSET, case.days - 1))),
-            *("--ramp", str(case.ramp), "--out", made),
-        ]
-        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-        _cut(Path(made), kind, seeds, case, to)
-
-
-def _cut(made: Path, kind: Kind, seeds: Sequence[int], case: Case, to: Path) -> None:
-    site = yaml.safe_load((made / "site.yaml").read_text())
-    truth = json.loads((made / "truth.json").read_text())
-    with (made / "data.csv").open(newline="") as file:
-        rows = list(csv.reader(file))
-    for seed in seeds:
-        name = f"{kind.prefix}{seed}"
-        folder = to / name
-        folder.mkdir(parents=True, exist_ok=True)
-        own = [i for i, column in enumerate(rows[0]) if column == "time" or column.startswith(f"{name}.")]
-        equipment = {k: v for k, v in site["equipment"].items() if k == name or k.startswith(f"{name}-")}
-        one = site | {
-            "name": f"{site['name']}, {name}",
-            "false_alarms_per_year": site["false_alarms_per_year"] / len(seeds),
-            "points": {k: v for k, v in site["points"].items() if k.startswith(f"{name}.")},
-            "equipment": equipment,
-        }
-        one.pop("source")  # the data file is named on the command line
-        (folder / "site.yaml").write_text(yaml.safe_dump(one, sort_keys=False))
-        (folder / "truth.json").write_text(json.dumps({"effects": truth["effects"], "plant": truth["plants"][name]}))
-        part = folder / f"{case.name}.part"
-        with part.open("w", newline="") as file:
-            csv.writer(file).writerows([[row[i] for i in own] for row in rows])
-        part.rename(folder / f"{case.name}.csv")
+    part = folder.with_suffix(".part")
+    command = [
+        *(sys.executable, str(foreign / kind.script), "--seed", str(seeds[0]), "--count", str(len(seeds))),
+        *("--start", START, "--days", str(case.days), "--without", ",".join(without), "--with", ",".join(further)),
+        *("--fault", case.fault, "--severity", str(case.severity), "--onset", str(min(ONSET, case.days - 1))),
+        *("--ramp", str(case.ramp), "--out", str(part)),
+    ]
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    part.rename(folder)
 
 
 def make_sets(foreign: Path, to: Path, names: Sequence[str], only: Sequence[str] = ()) -> None:

@@ -3,10 +3,10 @@
     python -m benchmarks.promise [--quick] [--json] [--to FOLDER] [--sets house-dev real ...] [--plants N]
 
 Foreign houses and substations (:mod:`benchmarks.foreign_plants`), real records and the project's own houses, each by
-``fdd fit`` on its first four weeks and ``fdd audit`` on the rest; then the audit of twins with a fault. Answers are kept
-in FOLDER, and a second run goes on where the first stood. Sets named ``dev`` may be developed on, sets named ``report``
-not. An alarm that comes within 30 days of a fault's beginning counts as its finding; how many healthy plants ring in the
-same days says what that is worth.
+``fdd fit`` on its first four weeks and ``fdd audit`` on the rest; then the audit of twins with a fault. Answers are
+kept in FOLDER, and a second run goes on where the first stood. Sets named ``dev`` may be developed on, sets named
+``report`` not. An alarm that comes within 30 days of a fault's beginning counts as its finding; how many healthy plants
+ring in the same days says what that is worth.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import argparse
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
@@ -47,6 +47,7 @@ RIGHT = {
 # What is asked: days, and share of plants in which the fault is found by then; the fault is full-sized at day `full`.
 WANTED = {"heater-20": (7, 0.95), "heater-10": (20, 0.8), "insulation-20": (30, 0.8), "fouling-20": (24, 0.8)}
 MOST = {"house": 1.5, "substation": 1.5, "real": 3.0, "own": 1.5}
+MOST_RINGING, LEAST_RIGHT = 0.15, 0.7
 TOLD = 0.5  # a healthy alarm that names a cause with more than this accuses
 QUICK = 5
 
@@ -68,10 +69,38 @@ def kept(alarms: int, promised: float, most: float | None = None) -> Json:
     return figure(alarms / promised, "of promised", target, holds) | about
 
 
+def audited(answers: Sequence[Json], which: str) -> Iterator[tuple[Json, Json]]:
+    """Every site that has an audit of this name, with it."""
+    for a in answers:
+        if "error" not in a.get(which, {"error": "not run"}):
+            yield a, a[which]
+
+
+def lanes(answers: Sequence[Json], which: str) -> list[tuple[str, list[Json]]]:
+    """Every plant in such audits, with its alarms of the plant, not of its model, since the fault's beginning."""
+    return [
+        (
+            plant,
+            [x for x in audit["alarms"] if _of(plant, x["component"], a) and _since(x) >= 0 and x["kind"] == "plant"],
+        )
+        for a, audit in audited(answers, which)
+        for plant in a["plants"]
+    ]
+
+
+def _of(plant: str, component: str, site: Json) -> bool:
+    return len(site["plants"]) == 1 or component == plant or component.startswith(f"{plant}-")
+
+
+def _since(alarm: Json) -> float:
+    """Days since the fault's beginning."""
+    return float((pd.Timestamp(alarm["raised"]) - BEGUN) / pd.Timedelta(days=1))
+
+
 def promise_figures(group: str, answers: Sequence[Json], budget: float) -> Json:
     """All charts, each kind, each season, and what was not judged."""
-    audits = [a[f"audit-{budget:g}"] for a in answers if f"audit-{budget:g}" in a]
-    audits = [a for a in audits if "error" not in a]
+    pairs = list(audited(answers, f"audit-{budget:g}"))
+    audits = [audit for _, audit in pairs]
     if not audits:
         return {}
     head = f"{group}_{budget:g}"
@@ -89,8 +118,10 @@ def promise_figures(group: str, answers: Sequence[Json], budget: float) -> Json:
         found[f"{head}_{season}"] = kept(*pooled(audits, "months", own))
     judged = sum(r["promised"] for r in watched) / due if due else 0.0
     found[f"{head}_judged"] = figure(judged, "of time with data", "", None)
-    ringing = sum(a["all"]["alarms"] > 0 for a in audits)
-    found[f"{head}_plants_ringing"] = figure(ringing, f"of {len(audits)} plants", "", None)
+    ringing = sum(
+        any(_of(plant, x["component"], a) for x in audit["alarms"]) for a, audit in pairs for plant in a["plants"]
+    )
+    found[f"{head}_plants_ringing"] = figure(ringing, f"of {sum(len(a['plants']) for a, _ in pairs)} plants", "", None)
     accusing = [x for a in audits for x in a["alarms"] if _likelihood(x) > TOLD]
     found[f"{head}_accusing"] = figure(len(accusing), "alarms", "0", not accusing)
     return found
@@ -101,43 +132,45 @@ def _likelihood(alarm: Json) -> float:
     return max((c["likelihood"] or 0.0 for c in causes), default=0.0) if alarm["kind"] == "plant" else 0.0
 
 
-def rings(audit: Json, days: float) -> list[Json]:
-    """Alarms of the plant, not of its model, within so many days of the fault's beginning, in order."""
-    raised = [(pd.Timestamp(a["raised"]), a) for a in audit["alarms"] if a["kind"] == "plant"]
-    end = BEGUN + pd.Timedelta(days=days)
-    return [a for t, a in sorted(raised, key=lambda r: r[0]) if BEGUN <= t < end]
-
-
 def detection_figures(group: str, answers: Sequence[Json], faults: Sequence[str], budget: float) -> Json:
     """Found within days, rightly placed and named, beside the healthy plants that ring in the same days."""
     found: Json = {}
-    healthy = [a[f"audit-{budget:g}"] for a in answers if "error" not in a.get(f"audit-{budget:g}", {"error": ""})]
+    healthy = lanes(answers, f"audit-{budget:g}")
     if healthy and any(f in a for a in answers for f in faults):
         for days in WITHIN:
-            n = sum(bool(rings(a, days)) for a in healthy)
-            ok = n <= 0.15 * len(healthy) if days == WITHIN[-1] else None
-            found[f"{group}_healthy_ringing_{days}"] = share(n, len(healthy), "<= 15 %", ok)
+            n = sum(_rang(alarms, days) for _, alarms in healthy)
+            holds = n <= MOST_RINGING * len(healthy) if days == WITHIN[-1] else None
+            found[f"{group}_healthy_ringing_{days}"] = share(n, len(healthy), f"<= {MOST_RINGING:.0%}", holds)
     for fault in faults:
-        twins = [(a["name"], a[fault]) for a in answers if "error" not in a.get(fault, {"error": ""})]
-        if not twins:
-            continue
-        days, least = WANTED.get(fault, (0, 0.0))
-        for within in sorted({*WITHIN, *([days] if days else [])}):
-            n = sum(bool(rings(t, within)) for _, t in twins)
-            asked = within == days
-            target = f">= {least:.0%}" if asked else ""
-            found[f"{group}_{fault}_found_{within}"] = share(
-                n, len(twins), target, n >= least * len(twins) if asked else None
-            )
-        suffix, causes = RIGHT[fault] if not (fault == "bias" and group.startswith("sub")) else ("-hx", {"bias"})
-        firsts = [(name, rings(t, WITHIN[-1])[0]) for name, t in twins if rings(t, WITHIN[-1])]
-        right = sum(f["component"] == name + suffix and _first(f) in causes for name, f in firsts)
-        found[f"{group}_{fault}_right"] = share(
-            right, len(firsts), ">= 70 %", right >= 0.7 * len(firsts) if firsts else None
-        )
-        named = Counter(f"{f['component'].removeprefix(name)} {_first(f)}".strip() for name, f in firsts)
-        found[f"{group}_{fault}_right"]["named"] = dict(named.most_common())
+        twins = lanes(answers, fault)
+        if twins:
+            found |= _found(f"{group}_{fault}", twins, *WANTED.get(fault, (0, 0.0))) | _named(group, fault, twins)
     return found
+
+
+def _found(head: str, twins: Sequence[tuple[str, list[Json]]], days: float, least: float) -> Json:
+    table: Json = {}
+    for within in sorted({*WITHIN, *([days] if days else [])}):
+        n = sum(_rang(alarms, within) for _, alarms in twins)
+        asked = within == days
+        holds = n >= least * len(twins) if asked else None
+        table[f"{head}_found_{within}"] = share(n, len(twins), f">= {least:.0%}" if asked else "", holds)
+    return table
+
+
+def _named(group: str, fault: str, twins: Sequence[tuple[str, list[Json]]]) -> Json:
+    """Of plants in which something rang within a month: where the first alarm was, and what it held likeliest."""
+    suffix, causes = ("-hx", {"bias"}) if (group[:3], fault) == ("sub", "bias") else RIGHT[fault]
+    firsts = [(plant, alarms[0]) for plant, alarms in twins if _rang(alarms, WITHIN[-1])]
+    right = sum(a["component"] == plant + suffix and _first(a) in causes for plant, a in firsts)
+    named = Counter(f"{a['component'].removeprefix(plant)} {_first(a)}".strip() for plant, a in firsts)
+    holds = right >= LEAST_RIGHT * len(firsts) if firsts else None
+    told = share(right, len(firsts), f">= {LEAST_RIGHT:.0%}", holds) | {"named": dict(named.most_common())}
+    return {f"{group}_{fault}_right": told}
+
+
+def _rang(alarms: Sequence[Json], days: float) -> bool:
+    return any(_since(a) < days for a in alarms)
 
 
 def _first(alarm: Json) -> str:
@@ -156,8 +189,9 @@ def figures_of(answers: Sequence[Json], given: argparse.Namespace) -> Json:
     found: Json = {}
     for group in dict.fromkeys(a["group"] for a in answers):
         mine = [a for a in answers if a["group"] == group]
-        refused = [a["name"] for a in mine if "error" in a["fit"]]
-        found[f"{group}_plants"] = figure(len(mine) - len(refused), "plants watched", "", None) | {"refused": refused}
+        refused = {a["name"]: a["fit"]["error"] for a in mine if "error" in a["fit"]}
+        watched = sum(len(a["plants"]) for a in mine if a["name"] not in refused)
+        found[f"{group}_plants"] = figure(watched, "plants watched", "", None) | {"refused": refused}
         for budget in given.budgets:
             found |= promise_figures(group, mine, budget)
         found |= detection_figures(group, mine, given.faults, given.budgets[0])
@@ -171,7 +205,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--foreign", type=Path, default=Path("../shared/foreign"), help="scripts that make plants")
     parser.add_argument("--real", type=Path, default=Path("../shared/data/real2"), help="real records, with sites/")
     parser.add_argument("--to", type=Path, default=Path("var/promise"), help="keeps every command's answer")
-    parser.add_argument("--made", dest="plants_folder", type=Path, help="folder of made plants; default TO/made")
+    parser.add_argument("--made", type=Path, help="folder of made plants; default TO/made")
     parser.add_argument("--sets", nargs="+", default=[*SETS, "real", "own"], choices=[*SETS, "real", "own"])
     parser.add_argument("--plants", type=int, help="so many plants of each foreign set")
     parser.add_argument("--budgets", type=float, nargs="+", default=[2.0, 12.0], help="false alarms a year and plant")
@@ -179,7 +213,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--minutes", type=float, default=float("inf"), help="no further plant is begun after these")
     parser.add_argument("--processes", type=int, default=1)
     given = parser.parse_args()
-    given.plants_folder = given.plants_folder or given.to / "made"
+    given.made = given.made or given.to / "made"
     if given.faults is None:
         given.faults = list(dict.fromkeys(c.name for k in (HOUSE, SUBSTATION) for c in k.cases if c.fault != "none"))
     if given.quick:

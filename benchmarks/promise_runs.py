@@ -1,6 +1,6 @@
-"""One plant through the commands as a stranger types them: fit, audit at each budget, audit of every faulty twin.
+"""One site through the commands as a stranger types them: fit, audit at each budget, audit of every faulty twin.
 
-What a command prints as JSON is kept in the plant's folder; a command whose answer is there is not run again.
+What a command prints as JSON is kept in the site's folder; a command whose answer is there is not run again.
 """
 
 from __future__ import annotations
@@ -17,8 +17,7 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from benchmarks import foreign_plants
-from benchmarks.foreign_plants import ONSET, SETS, START, Kind
+from benchmarks.foreign_plants import ONSET, SETS, START, folder_of, groups, make
 from fdd.plant.scenario import Scenario
 from fdd.plant.site import demo_site
 
@@ -32,28 +31,32 @@ OWN_DAYS = 28 + 182
 
 @dataclass(frozen=True)
 class Plant:
-    """A plant to run: site file, healthy data (None: the site's own source), end of the fit, twins and their begin."""
+    """A site to run: its file, healthy data (None: its own source), end of the fit, faulty twins and their begin.
+
+    ``plants`` are those that the site has, each with a budget of its own; a component is named after its plant.
+    """
 
     group: str
     name: str
     site: Path
     data: Path | None
     until: str
+    plants: tuple[str, ...]
     twins: tuple[tuple[str, Path], ...] = ()
     since: str = ""
 
 
-def foreign(to: Path, group: str, count: int | None) -> list[Plant]:
-    """The plants of a set that are made, in order."""
-    kind, seeds = SETS[group]
-    found = []
-    for seed in list(seeds)[:count]:
-        folder = to / f"{kind.prefix}{seed}"
-        if (folder / "healthy.csv").exists():
-            twins = tuple((c.name, folder / f"{c.name}.csv") for c in kind.cases if c.fault != "none")
+def foreign(to: Path, group: str, seeds: Sequence[int]) -> Iterator[Plant]:
+    """The sites of a set that are made, in order."""
+    kind = SETS[group][0]
+    for together in groups(kind, seeds):
+        folder = folder_of(to, kind, together)
+        healthy = folder / "healthy"
+        if healthy.exists():
+            twins = tuple((c.name, folder / c.name / "data.csv") for c in kind.cases if c.fault != "none")
             until, since = _day(START, LEARNING), _day(START, ONSET - WARM)
-            found.append(Plant(group, folder.name, folder / "site.yaml", folder / "healthy.csv", until, twins, since))
-    return found
+            names = tuple(f"{kind.prefix}{s}" for s in together)
+            yield Plant(group, folder.name, healthy / "site.yaml", healthy / "data.csv", until, names, twins, since)
 
 
 def real(folder: Path) -> list[Plant]:
@@ -64,7 +67,8 @@ def real(folder: Path) -> list[Plant]:
         data = (site.parent / source["path"]).resolve()
         time = pd.to_datetime(pd.read_csv(data, usecols=[source["time"]["column"]]).iloc[:, 0], utc=True)
         days = min(LEARNING, (time.iloc[-1] - time.iloc[0]).days // 2)
-        found.append(Plant("real", site.stem, site, data, _day(str(time.iloc[0].date()), days)))
+        until = _day(str(time.iloc[0].date()), days)
+        found.append(Plant("real", site.stem, site, data, until, (site.stem,)))
     return found
 
 
@@ -75,7 +79,7 @@ def own(to: Path) -> list[Plant]:
         scenario = Scenario(days=OWN_DAYS, seed=seed)
         folder = to / f"own{seed}"
         site = demo_site(folder, name=folder.name, scenario=scenario)
-        found.append(Plant("own", folder.name, site, None, _day(scenario.start[:10], LEARNING)))
+        found.append(Plant("own", folder.name, site, None, _day(scenario.start[:10], LEARNING), (folder.name,)))
     return found
 
 
@@ -90,7 +94,7 @@ def run(plant: Plant, to: Path, budgets: Sequence[float], faults: Sequence[str])
     sites = {b: _site(plant, folder, b) for b in budgets}
     first = sites[budgets[0]]
     data = [] if plant.data is None else [str(plant.data.resolve())]
-    answers: Json = {"group": plant.group, "name": plant.name}
+    answers: Json = {"group": plant.group, "name": plant.name, "plants": plant.plants}
     answers["fit"] = _fdd(folder, "fit", "fit", str(first), *data, "--until", plant.until)
     if "error" in answers["fit"]:
         return answers
@@ -107,7 +111,7 @@ def run(plant: Plant, to: Path, budgets: Sequence[float], faults: Sequence[str])
 def _site(plant: Plant, folder: Path, budget: float) -> Path:
     """The site file at a budget; its source's path and its store stay what they are beside the first."""
     table = yaml.safe_load(plant.site.read_text())
-    table["false_alarms_per_year"] = budget
+    table["false_alarms_per_year"] = budget * len(plant.plants)
     if plant.data is not None and "source" in table:
         table["source"]["path"] = str(plant.data.resolve())
     path = folder / f"site-{budget:g}.yaml"
@@ -138,14 +142,13 @@ def plants(given: Any) -> Iterator[Plant]:
             if not given.foreign.is_dir():
                 print(f"{group}: skipped, {given.foreign} is not there", file=sys.stderr)
                 continue
-            kind: Kind = SETS[group][0]
-            seeds = list(SETS[group][1])[: given.plants]
-            wanted = {"healthy", *given.faults}
-            for together in foreign_plants.groups(kind, seeds):
+            kind, seeds = SETS[group]
+            chosen = list(seeds)[: given.plants]
+            for together in groups(kind, chosen):
                 for case in kind.cases:
-                    if case.name in wanted:
-                        foreign_plants.make(given.foreign, kind, list(together), case, given.plants_folder)
-            yield from foreign(given.plants_folder, group, given.plants)
+                    if case.name in {"healthy", *given.faults}:
+                        make(given.foreign, kind, together, case, given.made)
+            yield from foreign(given.made, group, chosen)
         elif group == "real":
             if not given.real.is_dir():
                 print(f"real: skipped, {given.real} is not there", file=sys.stderr)
