@@ -3,7 +3,7 @@
     python -m benchmarks.promise [--quick] [--json] [--to FOLDER] [--sets house-dev real ...] [--plants N]
 
 Foreign houses and substations (:mod:`benchmarks.foreign_plants`), real records and the project's own houses, each by
-``fdd fit`` on its first four weeks and ``fdd audit`` on the rest; then the audit of twins with a fault. Answers are
+``fdd fit`` on its first eight weeks and ``fdd audit`` on the rest; then the audit of twins with a fault. Answers are
 kept in FOLDER, and a second run goes on where the first stood. Sets named ``dev`` may be developed on, sets named
 ``report`` not. An alarm that comes within 30 days of a fault's beginning counts as its finding; how many healthy plants
 ring in the same days says what that is worth.

@@ -23,10 +23,10 @@ from fdd.plant.site import demo_site
 
 Json = dict[str, Any]
 
-LEARNING = 28  # days that are fitted; half of a record shorter than twice as long
-WARM = 14  # days before a fault from which its twin is watched: it is the healthy plant until then
+LEARNING = 56  # days: four weeks to fit, four to calibrate; two thirds of a record that is shorter than three times so
+WARM = 7  # days before a fault from which its twin is watched: it is the healthy plant until then
 OWN = range(1, 6)
-OWN_DAYS = 28 + 182
+OWN_DAYS = LEARNING + 182
 
 
 @dataclass(frozen=True)
@@ -60,13 +60,13 @@ def foreign(to: Path, group: str, seeds: Sequence[int]) -> Iterator[Plant]:
 
 
 def real(folder: Path) -> list[Plant]:
-    """Every site file of the shared records; fitted to four weeks, or to half of a shorter record."""
+    """Every site file of the shared records; fitted to eight weeks, or to two thirds of a shorter record."""
     found = []
     for site in sorted((folder / "sites").glob("*.yaml")):
         source = yaml.safe_load(site.read_text())["source"]
         data = (site.parent / source["path"]).resolve()
         time = pd.to_datetime(pd.read_csv(data, usecols=[source["time"]["column"]]).iloc[:, 0], utc=True)
-        days = min(LEARNING, (time.iloc[-1] - time.iloc[0]).days // 2)
+        days = min(LEARNING, 2 * (time.iloc[-1] - time.iloc[0]).days // 3)
         until = _day(str(time.iloc[0].date()), days)
         found.append(Plant("real", site.stem, site, data, until, (site.stem,)))
     return found

@@ -20,7 +20,7 @@ from rich.table import Table
 
 from fdd.config.schema import SqliteStore
 from fdd.diagnosis.judged import is_consequence
-from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, JsonObject, Rows
+from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, IntArray, JsonObject, Rows
 from fdd.residual_monitors.budget import YEAR, poisson_interval
 from fdd.residual_monitors.chart import Phase
 from fdd.service.alarms import Command, iso, kind_of
@@ -33,11 +33,9 @@ from fdd.service.replay import ready_engine
 DAY = 86400 * NANOSECONDS
 # Between looks at what is open: an alarm is cleared at the first one at which it is a day old.
 LOOK = DAY // 4
-FITTED, WATCHED = "fitted", "watched"
-PARTS = {
-    FITTED: "the span that the baseline was fitted to, and before",
-    WATCHED: "afterwards",
-}
+# Parts of a record: what the baseline was fitted to (and what is before), what its charts were calibrated on, the rest.
+FITTED, PROBATION, WATCHED = PARTS = ("fitted", "probation", "watched")
+PRIMARY = "day"
 # Fewer promised alarms than this and the interval of their number is wider than any verdict.
 FEW = 1.0
 
@@ -98,7 +96,7 @@ class Audit:
     last: int | None = None
     notes: tuple[str, ...] = ()
 
-    def by(self, name: Callable[[Place], str], parts: Iterable[str] = (FITTED, WATCHED)) -> dict[str, Kept]:
+    def by(self, name: Callable[[Place], str], parts: Iterable[str] = PARTS) -> dict[str, Kept]:
         """Added up by a name, over parts of the record."""
         found: dict[str, Kept] = {}
         for place, kept in self.table.items():
@@ -111,7 +109,7 @@ class Audit:
         return self.by(lambda _: "all", parts).get("all", Kept())
 
     def document(self) -> JsonObject:
-        """For machines; charts, components and months are those of the time after the fit."""
+        """For machines; charts, components and months are those of the part that is watched."""
 
         def rows(name: Callable[[Place], str], parts: Iterable[str]) -> JsonObject:
             return {key: kept.document() for key, kept in sorted(self.by(name, parts).items())}
@@ -144,8 +142,8 @@ class Audit:
         watched = (WATCHED,)
         for table in (
             _table("part of the record", self.by(lambda p: p.part)),
-            _table("chart, after the fit", self.by(lambda p: p.chart, watched)),
-            _table("component, after the fit", self.by(lambda p: p.component, watched)),
+            _table("chart, while watched", self.by(lambda p: p.chart, watched)),
+            _table("component, while watched", self.by(lambda p: p.component, watched)),
         ):
             console.print(table, soft_wrap=True)
         for note in self.notes[:5]:
@@ -156,7 +154,7 @@ class Audit:
 def verdict(kept: Kept) -> str:
     """Whether the promise was kept, in a sentence."""
     if kept.promised <= 0:
-        return "Nothing was judged after the fit: nothing can be said."
+        return "Nothing was judged after fit and probation: nothing can be said."
     told = kept.document()
     ratio = f"{_plain(told['ratio'])} times (95 %: {_plain(told['low'])} to {_plain(told['high'])})"
     counts = f"{kept.alarms} alarm(s) where {kept.promised:.2g} were promised over the time judged, {ratio}"
@@ -244,6 +242,7 @@ class Counter:
         self._promised = engine.promised
         self._told: dict[str, JsonObject] = {}
         self._hidden: set[str] = set()
+        self._calibrating: set[str] = set()
         self.audit = Audit(engine.plan.site, engine.plan.promised, engine.baselines)
 
     def take(self, outputs: Outputs) -> None:
@@ -299,11 +298,9 @@ class Counter:
         for rows in outputs.rows:
             self._reach(rows)
             if rows.measurement == "charts":
-                sees = rows.fields["phase"] > Phase.NO_DATA
-                for i, name in enumerate(rows.names):
-                    own = sees[rows.series == i]
-                    if own.size:
-                        judged.setdefault(_owner(name), []).append(float(own.mean()))
+                for name, phase in _phases(rows):
+                    judged.setdefault(_owner(name), []).append(float(np.mean(phase > Phase.NO_DATA)))
+                    self._calibrates(name, phase)
         if not outputs.frames or self.audit.last is None:
             return
         years = outputs.frames * self._engine.plan.step / NANOSECONDS / YEAR
@@ -315,16 +312,35 @@ class Counter:
             kept.due += rate * years
             kept.promised += rate * years * share
 
+    def _calibrates(self, chart: str, phase: IntArray) -> None:
+        """A component is on probation while its primary chart still learns how far its days may go."""
+        component, kind = _owner(chart)
+        if kind == PRIMARY:
+            learning = bool(np.mean(phase == Phase.LEARNING) > 0.5)
+            (self._calibrating.add if learning else self._calibrating.discard)(component)
+
     def _reach(self, rows: Rows) -> None:
         first, last = int(rows.time.min()), int(rows.time.max())
         self.audit.first = first if self.audit.first is None else min(first, self.audit.first)
         self.audit.last = last if self.audit.last is None else max(last, self.audit.last)
 
     def _part(self, component: str, time: int) -> str:
-        return FITTED if time <= self.audit.baselines[component].end else WATCHED
+        baseline = self.audit.baselines[component]
+        if time <= baseline.end:
+            return FITTED
+        calibrated = int(baseline.diagnostics.get("probation", {}).get("end", baseline.end))
+        return PROBATION if time <= calibrated or component in self._calibrating else WATCHED
 
     def _at(self, place: Place) -> Kept:
         return self.audit.table.setdefault(place, Kept())
+
+
+def _phases(rows: Rows) -> Iterator[tuple[str, IntArray]]:
+    """Each chart's phases in a batch of rows, where it has any."""
+    for i, name in enumerate(rows.names):
+        phase = rows.fields["phase"][rows.series == i]
+        if phase.size:
+            yield name, phase
 
 
 def kind_of_chart(alarm: Alarm) -> str:

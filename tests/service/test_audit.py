@@ -83,6 +83,14 @@ def test_what_is_promised_over_all_places_is_the_budget_over_the_time(baseline: 
     assert whole == pytest.approx(BUDGET * DAYS / 365.25, rel=1e-6)
     assert parts["fitted"].due / whole == pytest.approx(LEARNING / DAYS, abs=0.25 / DAYS)
     assert 0.9 * whole < sum(k.promised for k in parts.values()) <= whole
+    assert "probation" not in parts
+    held = replace(baseline, diagnostics={**baseline.diagnostics, "probation": {"end": baseline.end + 7 * DAY}})
+    counter = Counter(engine := Engine(plan(BUDGET), {"room": held}))
+    for piece in pieces(Batch.of_table(POINTS, history.time, history.values)):
+        counter.take(engine.step(piece))
+    calibrated = counter.result().by(lambda p: p.part)
+    assert calibrated["probation"].due == pytest.approx(BUDGET * 7 / 365.25, rel=0.05)
+    assert sum(k.due for k in calibrated.values()) == pytest.approx(whole, rel=0.02)
     months = found.by(lambda p: p.month)
     assert list(months) == ["2025-10", "2025-11"]
 
