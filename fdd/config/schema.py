@@ -255,7 +255,7 @@ class Site(Strict):
             name_within(value, "the name")
         except LimitError as error:
             raise refusal(str(error), "Give a short name.") from None
-        if "/" in value or value in ("", ".", ".."):
+        if not value.strip(" ./"):
             raise refusal(f"{value!r} cannot be a name: files are named after the site", "Write a word.")
         return value
 

@@ -44,7 +44,12 @@ class Opened:
     @property
     def checkpoint_path(self) -> Path:
         """The daemon's state file."""
-        return self.state_folder / f"{self.site.name.replace(' ', '-')}.state.sqlite"
+        return self.state_folder / f"{self._file_name}.state.sqlite"
+
+    @property
+    def _file_name(self) -> str:
+        """The site's name without what would lead to another folder."""
+        return self.site.name.replace(" ", "-").replace("/", "-").lstrip(".")
 
     def nanoseconds(self, text: str | None) -> int | None:
         """A time as a user writes it, in the site's zone unless it names one.

@@ -229,7 +229,7 @@ def bomb() -> str:
         bomb(),
         "name: &a [*a]",
         'name: "\\ud800"',
-        "name: ../x",
+        "name: ../..",
         "name: 2001-99-99",
         "[]",
         "name: S\nsource: -",
