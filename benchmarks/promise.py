@@ -46,8 +46,15 @@ RIGHT = {
 }
 # What is asked: days, and share of plants in which the fault is found by then; the fault is full-sized at day `full`.
 WANTED = {"heater-20": (7, 0.95), "heater-10": (20, 0.8), "insulation-20": (30, 0.8), "fouling-20": (24, 0.8)}
+# The row of what a fit foretells that speaks of a fault, by its first words, and the fault's size in that row's unit.
+FORETOLD = {
+    "heater-20": ("power P_heat", 0.2),
+    "heater-10": ("power P_heat", 0.1),
+    "bias": ("sensor T_in", 0.5),
+    "fouling-20": ("fouling", 0.2),
+}
 MOST = {"house": 1.5, "substation": 1.5, "real": 3.0, "own": 1.5}
-MOST_RINGING, LEAST_RIGHT = 0.15, 0.7
+MOST_RINGING, LEAST_RIGHT, LEAST_KEPT = 0.15, 0.7, 0.85
 TOLD = 0.5  # a healthy alarm that names a cause with more than this accuses
 QUICK = 5
 
@@ -158,6 +165,36 @@ def _found(head: str, twins: Sequence[tuple[str, list[Json]]], days: float, leas
     return table
 
 
+def foretold_figures(group: str, answers: Sequence[Json], faults: Sequence[str]) -> Json:
+    """Faults that the fit said would be found within a month, and those that it declined: how many were found."""
+    found: Json = {}
+    for fault in (f for f in faults if f in FORETOLD):
+        words, size = FORETOLD[fault]
+        told = {p: _told(p, a, words) for a, _ in audited(answers, fault) for p in a["plants"]}
+        twins = [(plant, _rang(alarms, WITHIN[-1])) for plant, alarms in lanes(answers, fault)]
+        for says, mine in (
+            ("foretold", [rang for plant, rang in twins if (least := told[plant]) is not None and least <= size]),
+            ("declined", [rang for plant, rang in twins if (least := told[plant]) is not None and least > size]),
+        ):
+            target = f">= {LEAST_KEPT:.0%}" if says == "foretold" else ""
+            holds = sum(mine) >= LEAST_KEPT * len(mine) if mine and says == "foretold" else None
+            if any(v is not None for v in told.values()):
+                found[f"{group}_{fault}_{says}_found"] = share(sum(mine), len(mine), target, holds)
+    return found
+
+
+def _told(plant: str, site: Json, words: str) -> float | None:
+    """The smallest size that is foretold to be found on a plant: infinite where it is declined, None where not told."""
+    sizes = [
+        float("inf") if row["size"] is None else float(row["size"])
+        for b in site["fit"]["baselines"]
+        if _of(plant, b["component"], site)
+        for row in b["diagnostics"].get("probation", {}).get("foretold", ())
+        if row["fault"].startswith(words)
+    ]
+    return min(sizes, default=None)
+
+
 def _named(group: str, fault: str, twins: Sequence[tuple[str, list[Json]]]) -> Json:
     """Of plants in which something rang within a month: where the first alarm was, and what it held likeliest."""
     suffix, causes = ("-hx", {"bias"}) if (group[:3], fault) == ("sub", "bias") else RIGHT[fault]
@@ -195,6 +232,7 @@ def figures_of(answers: Sequence[Json], given: argparse.Namespace) -> Json:
         for budget in given.budgets:
             found |= promise_figures(group, mine, budget)
         found |= detection_figures(group, mine, given.faults, given.budgets[0])
+        found |= foretold_figures(group, mine, given.faults)
     return found
 
 

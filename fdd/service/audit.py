@@ -242,7 +242,8 @@ class Counter:
         self._promised = engine.promised
         self._told: dict[str, JsonObject] = {}
         self._hidden: set[str] = set()
-        self._calibrating: set[str] = set()
+        # Components whose primary chart has once judged: their probation is over.
+        self._ready = {c for c, _ in self._promised if (c, PRIMARY) not in self._promised}
         self.audit = Audit(engine.plan.site, engine.plan.promised, engine.baselines)
 
     def take(self, outputs: Outputs) -> None:
@@ -299,8 +300,7 @@ class Counter:
             self._reach(rows)
             if rows.measurement == "charts":
                 for name, phase in _phases(rows):
-                    judged.setdefault(_owner(name), []).append(float(np.mean(phase > Phase.NO_DATA)))
-                    self._calibrates(name, phase)
+                    judged.setdefault(_owner(name), []).append(self._sees(name, phase))
         if not outputs.frames or self.audit.last is None:
             return
         years = outputs.frames * self._engine.plan.step / NANOSECONDS / YEAR
@@ -312,12 +312,15 @@ class Counter:
             kept.due += rate * years
             kept.promised += rate * years * share
 
-    def _calibrates(self, chart: str, phase: IntArray) -> None:
-        """A component is on probation while its primary chart still learns how far its days may go."""
+    def _sees(self, chart: str, phase: IntArray) -> float:
+        """Share of frames in which a chart could judge; a primary one that still learns rings for gross faults only."""
         component, kind = _owner(chart)
-        if kind == PRIMARY:
-            learning = bool(np.mean(phase == Phase.LEARNING) > 0.5)
-            (self._calibrating.add if learning else self._calibrating.discard)(component)
+        if kind != PRIMARY:
+            return float(np.mean(phase > Phase.NO_DATA))
+        judged = float(np.mean(phase > Phase.LEARNING))
+        if judged > 0.5:
+            self._ready.add(component)
+        return judged
 
     def _reach(self, rows: Rows) -> None:
         first, last = int(rows.time.min()), int(rows.time.max())
@@ -329,7 +332,7 @@ class Counter:
         if time <= baseline.end:
             return FITTED
         calibrated = int(baseline.diagnostics.get("probation", {}).get("end", baseline.end))
-        return PROBATION if time <= calibrated or component in self._calibrating else WATCHED
+        return WATCHED if time > calibrated and component in self._ready else PROBATION
 
     def _at(self, place: Place) -> Kept:
         return self.audit.table.setdefault(place, Kept())
