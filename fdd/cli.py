@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, cast
@@ -66,6 +67,38 @@ def demo(
         _print_json(result.document())
         return
     out.print(result.story(), soft_wrap=True)
+
+
+@app.command(epilog=example("fdd init export/ --out plant.yaml", "fdd init trend.csv model.ttl --zone Europe/Paris"))
+def init(
+    exports: Annotated[
+        list[Path],
+        typer.Argument(help="Files or folders: CSV, workbook, Parquet, Haystack (JSON, Zinc), Brick (Turtle)."),
+    ],
+    out_file: Annotated[Path, typer.Option("--out", help="Where the site file goes.")] = Path("site.yaml"),
+    name: Annotated[str | None, typer.Option(help="Name of the site; default: the export's.")] = None,
+    zone: Annotated[str | None, typer.Option(help="Time zone of local times, such as Europe/Copenhagen.")] = None,
+    force: Annotated[bool, typer.Option(help="Write over a site file that is there.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Draft a site file from an export: times, units, quantities and roles, and how sure each guess is."""
+    from fdd.onboarding.init import start
+    from fdd.service.errors import UsageError
+
+    if out_file.exists() and not force:
+        raise UsageError(f"{out_file} is there already; name another with --out, or write over it with --force")
+    asks = sys.stdin.isatty() and sys.stdout.isatty() and not as_json
+    started = start(exports, out_file, name=name, zone=zone, ask=_ask if asks else None)
+    if as_json:
+        _print_json(started.document())
+    else:
+        started.print(out)
+    raise typer.Exit(1 if started.errors else 0)
+
+
+def _ask(question: str, guessed: str, others: Sequence[str]) -> str:
+    choices = f" [{', '.join(others)}]" if others else ""
+    return str(typer.prompt(f"{question}{choices}", default=guessed, err=True))
 
 
 @app.command(epilog=example("fdd check plant.yaml", "fdd check plant.yaml history.csv"))

@@ -8,11 +8,11 @@ import time as clock
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-import numpy as np
 import structlog
 
 from fdd.config import Site
 from fdd.records import Batch, JsonObject
+from ingest.csv.files import joined
 from ingest.mapping import PointMap
 from ingest.source import Context, NotReady, Source, make_source
 
@@ -73,18 +73,8 @@ class Feed:
         return replace(self._maps[label](batch), position=self._position)
 
     def _merged(self) -> Iterator[Batch]:
-        whole = [self._mapped(label, b) for label in self._labels for b in self._sources[label].batches()]
-        whole = [b for b in whole if len(b)]
-        if not whole:
-            return
-        names = tuple(dict.fromkeys(n for b in whole for n in b.names))
-        column = {n: i for i, n in enumerate(names)}
-        point = np.concatenate([np.array([column[n] for n in b.names], dtype=np.int32)[b.point] for b in whole])
-        time = np.concatenate([b.time for b in whole])
-        order = np.argsort(time, kind="stable")
-        value = np.concatenate([b.value for b in whole])
-        quality = np.concatenate([b.quality for b in whole])
-        merged = Batch(names, point[order], time[order], value[order], quality[order], self._position)
+        whole = joined(self._mapped(label, b) for label in self._labels for b in self._sources[label].batches())
+        merged = replace(whole, position=self._position)
         for start in range(0, len(merged), SLICE):
             yield merged.slice(start, start + SLICE)
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from fdd.limits import UNPACKED_BYTES, UNPACKED_RATIO
@@ -52,7 +54,9 @@ class FileSource(ABC):
         if position:
             self._position = {**self._position, **position}
         self._clock.previous = dict(self._position["previous"])
-        if self._position["file"] < len(self._paths):
+        if not self._options.in_order:
+            self._check(self._paths[0])
+        elif self._position["file"] < len(self._paths):
             self._check(self._paths[self._position["file"]])
 
     def _expand(self, pattern: Path) -> list[Path]:
@@ -66,6 +70,23 @@ class FileSource(ABC):
 
     def batches(self) -> Iterator[Batch]:
         """Batches of ``batch_rows`` rows until the last file ends."""
+        yield from self._as_written() if self._options.in_order else self._in_order()
+
+    def _in_order(self) -> Iterator[Batch]:
+        """Every file read whole, its samples in order of time; the position counts them."""
+        done = int(self._position.get("samples", 0))
+        self._position = {"file": 0, "line": 0, "row": 0, "before": 0, "previous": {}}
+        self._clock.previous = {}
+        whole = joined(self._as_written())
+        size = self._options.batch_rows
+        for start in range(done, len(whole), size):
+            part = whole.slice(start, start + size)
+            self._position = {**self._position, "samples": min(start + size, len(whole))}
+            yield replace(part, position=self._position)
+            if self._stopped:
+                return
+
+    def _as_written(self) -> Iterator[Batch]:
         while self._position["file"] < len(self._paths):
             for batch in self._read(self._paths[self._position["file"]]):
                 self._position = batch.position
@@ -90,7 +111,7 @@ class FileSource(ABC):
         """Batches of one file."""
 
     def _table(self, header: list[str], path: Path) -> Table:
-        return Table(header, self._options, self._clock, self._context.columns, path.name, self._counts)
+        return Table(header, self._options, self._clock, self._context.columns, path, self._counts)
 
     def _samples(self, table: Table, frame: pd.DataFrame, rows: IntArray, path: Path) -> Batch:
         """The samples of some rows; none, and a count, where a damaged file made them what no clock or number is.
@@ -155,3 +176,18 @@ class FileSource(ABC):
 
     def close(self) -> None:  # noqa: B027 - files are closed after each batch, whatever their kind
         """Nothing is held between batches."""
+
+
+def joined(batches: Iterable[Batch]) -> Batch:
+    """One batch of all samples, in order of time; those of one time stay as they came."""
+    whole = [b for b in batches if len(b)]
+    names = tuple(dict.fromkeys(n for b in whole for n in b.names))
+    column = {n: i for i, n in enumerate(names)}
+    if not whole:
+        return Batch.of([])
+    point = np.concatenate([np.array([column[n] for n in b.names], dtype=np.int32)[b.point] for b in whole])
+    time = np.concatenate([b.time for b in whole])
+    order = np.argsort(time, kind="stable")
+    value = np.concatenate([b.value for b in whole])
+    quality = np.concatenate([b.quality for b in whole])
+    return Batch(names, point[order], time[order], value[order], quality[order])

@@ -49,8 +49,10 @@ class TimeOptions(Strict):
 class LongOptions(Strict):
     """Files with one value a line: which column names the point, which holds the value."""
 
-    point: str = Field(description="column that names the point")
-    value: str = Field(description="column that holds the value")
+    point: str | None = Field(
+        default=None, description="column that names the point; left out: the file's name does, without its ending"
+    )
+    value: str | int = Field(description="name or number (from 0) of the column that holds the value")
 
 
 class FileOptions(SourceOptions):
@@ -62,12 +64,20 @@ class FileOptions(SourceOptions):
     time: TimeOptions = Field(default=TimeOptions(), description="where time stands and how it is written")
     long: LongOptions | None = Field(default=None, description="for files with one value a line")
     missing: tuple[str, ...] = Field(default=(), description="texts that mean 'no value', such as 'N/A' or '-9999'")
+    sorted: bool = Field(
+        default=True, description="rows come in order of time; false: files are read whole and put in order first"
+    )
     batch_rows: int = Field(default=20_000, gt=0, le=1_000_000, description="rows in a batch")
 
     @field_validator("missing", mode="before")
     @classmethod
     def _texts(cls, value: Any) -> Any:
         return tuple(str(v) for v in value) if isinstance(value, list | tuple) else value
+
+    @property
+    def in_order(self) -> bool:
+        """Whether files can be read as they stand; one file a point cannot."""
+        return self.sorted and (self.long is None or self.long.point is not None)
 
     @property
     def paths(self) -> tuple[Path, ...]:

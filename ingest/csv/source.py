@@ -186,7 +186,7 @@ class CsvSource(FileSource):
 
     def _parsed(self, lines: list[str], table: Table, delimiter: str) -> pd.DataFrame:
         options = self._csv
-        texts = [*table.time_columns, *(table.value_columns[:1] if options.long else [])]
+        texts = [*table.time_columns, *(table.value_columns[:-1] if options.long else [])]
         frame = pd.read_csv(
             io.StringIO("".join(lines)),
             sep=delimiter,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -44,14 +45,15 @@ class Table:
     options: FileOptions
     clock: Clock
     wanted: tuple[str, ...]
-    where: str
+    path: Path
     counts: dict[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.time_columns = self._find_time()
         long = self.options.long
         if long:
-            self.value_columns = [self._find(long.point, "long.point"), self._find(long.value, "long.value")]
+            named = [] if long.point is None else [self._find(long.point, "long.point")]
+            self.value_columns = [*named, self._find(long.value, "long.value")]
         elif self.wanted:
             self.value_columns = [self._find(name, "points") for name in self.wanted]
         else:
@@ -71,7 +73,7 @@ class Table:
         near = f"Did you mean {' or '.join(repr(c) for c in close)}?" if close else ""
         columns = ", ".join(repr(c) for c in self.header[:40])
         raise Refused(
-            f"{self.where}: there is no column {name!r} (asked for by {key}). {near or f'Columns: {columns}.'}"
+            f"{self.path.name}: there is no column {name!r} (asked for by {key}). {near or f'Columns: {columns}.'}"
         )
 
     def _find_time(self) -> list[int]:
@@ -86,8 +88,9 @@ class Table:
         for name in _TIME_NAMES:
             if name in lowered:
                 return [lowered.index(name)]
+        columns = ", ".join(repr(c) for c in self.header[:40])
         raise Refused(
-            f"{self.where}: no column looks like the time (columns: {', '.join(repr(c) for c in self.header[:40])}). "
+            f"{self.path.name}: no column looks like the time (columns: {columns}). "
             "Say time: {column: NAME}, or time: {start: ..., step: ...} if the file has none."
         )
 
@@ -97,7 +100,9 @@ class Table:
         ``rows`` numbers them, shape (len(frame),), where there is no time column.
         """
         series = None
-        if self.options.long:
+        if self.options.long and self.options.long.point is None:
+            series = np.full(len(frame), stem(self.path), dtype=object)
+        elif self.options.long:
             series = frame[self.value_columns[0]].astype("str").to_numpy(dtype=object)
         time = self._time(frame, rows, series)
         keep = time != NOT_A_TIME
@@ -144,7 +149,7 @@ class Table:
             names=tuple(str(n).strip() for n in names),
             point=code.astype(np.int32),
             time=time[keep],
-            value=self.numbers(frame[self.value_columns[1]])[keep],
+            value=self.numbers(frame[self.value_columns[-1]])[keep],
             quality=np.full(int(keep.sum()), Quality.GOOD, dtype=np.uint8),
         )
 
@@ -171,3 +176,8 @@ class Table:
 def table_options(frame_columns: Sequence[int]) -> dict[str, Any]:
     """Arguments of ``read_csv`` that make columns numbers and keep texts as they are."""
     return {"header": None, "usecols": list(frame_columns), "keep_default_na": False, "low_memory": False}
+
+
+def stem(path: Path) -> str:
+    """A file's name without its endings: what it names where it holds one point."""
+    return path.name.removesuffix(".gz").rpartition(".")[0] or path.name

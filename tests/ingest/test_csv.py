@@ -445,3 +445,25 @@ def test_a_file_that_is_not_what_its_name_says_is_told_with_the_remedy(tmp_path:
     for path, words in said.items():
         with pytest.raises(Refused, match=words):
             source_of(path, ("a",)).open()
+
+
+def test_one_file_a_point_is_named_by_its_file_and_put_in_order(tmp_path: Path) -> None:
+    write(tmp_path, "time,value\n2026-01-01 00:00,1\n2026-01-01 00:10,2\n", "AHU.SAT.csv")
+    write(tmp_path, "time,Trend log 7\n2026-01-01 00:05,3\n2026-01-01 00:15,4\n", "Room.csv")
+    options = {"kind": "csv", "path": tmp_path / "*.csv", "long": {"value": 1}, "batch_rows": 2}
+
+    def folder() -> CsvSource:
+        source = CsvSource()
+        source.configure(CsvOptions.model_validate(options), Context("UTC", ()))
+        return source
+
+    got = read(folder())
+    assert [t for b in got for t in b.time] == [utc(f"2026-01-01 00:{m:02d}") for m in (0, 5, 10, 15)]
+    assert [v for _, v in series(got, "AHU.SAT")] == [1.0, 2.0]
+    assert [v for _, v in series(read(folder(), got[0].position), "Room")] == [4.0]
+
+
+def test_long_file_sorted_by_point_is_put_in_order(tmp_path: Path) -> None:
+    text = "time,point,value\n2026-01-01 00:00,a,1\n2026-01-01 00:05,a,2\n2026-01-01 00:00,b,3\n"
+    got, _ = one(tmp_path, text, (), long={"point": "point", "value": "value"}, sorted=False)
+    assert [v for b in got for v in b.value] == [1.0, 3.0, 2.0]

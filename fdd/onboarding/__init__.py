@@ -1,0 +1,1 @@
+"""From an export to a draft of a site file."""
