@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -26,14 +26,14 @@ class Finding:
         return f"{self.severity}: {self.key}: {self.problem}" + (f". {self.remedy}" if self.remedy else "")
 
 
-def component_model(equipment: Equipment) -> ComponentModel:
-    """The model of a piece of equipment, its fixed and tied parameters taken out.
+def component_model(equipment: Equipment, variant: Mapping[str, Any] | None = None) -> ComponentModel:
+    """The model of a piece of equipment, its fixed and tied parameters taken out; ``variant`` has further options.
 
     Raises
     ------
     ModelError : unknown model or option, or a value that the model refuses.
     """
-    options: dict[str, Any] = dict(equipment.options)
+    options: dict[str, Any] = {**equipment.options, **(variant or {})}
     fixed = {s: p.initial for s, p in equipment.parameters.items() if p.fixed}
     tied = {s: p.tied for s, p in equipment.parameters.items() if p.tied}
     for key, table in (("fixed", fixed), ("tied", tied)):

@@ -77,6 +77,10 @@ class ParameterSpec(Strict):
     upper: float | None = Field(default=None, description="upper bound")
     fixed: bool = Field(default=False, description="hold it at 'initial' instead of estimating it")
     tied: str | None = Field(default=None, description="the parameter it is always equal to")
+    plate: float | None = Field(default=None, gt=0, description="its value on the plate or data sheet: a prior")
+    within: float = Field(
+        default=3.0, gt=1, description="factor of 'plate' beyond which a fit is not put in force, two sd of the prior"
+    )
 
     @model_validator(mode="before")
     @classmethod

@@ -70,6 +70,21 @@ class Fault:
     checks: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Plausible:
+    """What equipment of the kind is known to be like, from data sheets: a number of the parameters within a factor.
+
+    ``of`` takes parameters by symbol; ``typical`` in ``unit``; ``remedy`` is what to look at where it is beyond.
+    """
+
+    meaning: str
+    of: Callable[[Mapping[str, float]], float]
+    unit: str
+    typical: float
+    factor: float
+    remedy: str
+
+
 @dataclass(frozen=True)
 class ComponentModel:
     """A component declared once.
@@ -85,6 +100,7 @@ class ComponentModel:
     start : the state at the first sample from its measurements ``y``, inputs ``u`` and parameters ``p``
     options : how this variant was made, kept with every baseline
     valid : input or output symbol to the range the equations hold in
+    plausible : what estimates must be like to be put in force
     """
 
     name: str
@@ -103,6 +119,7 @@ class ComponentModel:
     valid: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     faults: tuple[Fault, ...] = ()
     references: tuple[str, ...] = ()
+    plausible: tuple[Plausible, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse a symbol declared twice and a bound that excludes the typical value."""

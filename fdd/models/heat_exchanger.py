@@ -11,6 +11,11 @@ Transfer coefficients (Eq. 9-11)
     flow-symmetric      the same with one C for both sides, as in a plate exchanger with equal channels
     flow-temperature    h = K (1 + b T) m^y with T the mean temperature of the side
 
+Dynamics
+    compartments    water (and plates) warm up: for samples some seconds apart
+    quasi-steady    the outlets follow at once: for samples further apart than water stays, see
+                    :mod:`fdd.models.exchanger_steady`
+
 At no flow h is 0 and its derivative for y < 1 is infinite: m^y is taken of sqrt(m^2 + (1e-7 kg/s)^2).
 """
 
@@ -20,13 +25,34 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any, Literal
 
-from fdd.models.declare import ComponentModel, Fault, ModelError, Namespace, Parameter, Quantity, State
+from fdd.models.declare import ComponentModel, Fault, ModelError, Namespace, Parameter, Plausible, Quantity, State
+from fdd.models.exchanger_steady import SteadyExchanger, steady_exchanger
 from fdd.models.fluid import chosen
 from fdd.models.functions import exp, forward, log
 
 PAPER = "Andersen (2001), Paper B"
 TRANSFERS = ("constant", "flow", "flow-symmetric", "flow-temperature")
 SMALL_FLOW = 1e-7  # kg/s
+INPUTS = (
+    Quantity("m_flow_hot", "kg/s", "flow on the hot (primary) side"),
+    Quantity("m_flow_cold", "kg/s", "flow on the cold (secondary) side"),
+    Quantity("T_hot_in", "degC", "inlet temperature of the hot side"),
+    Quantity("T_cold_in", "degC", "inlet temperature of the cold side"),
+)
+OUTPUTS = (
+    Quantity("T_hot_out", "degC", "outlet temperature of the hot side"),
+    Quantity("T_cold_out", "degC", "outlet temperature of the cold side"),
+)
+VALID = {
+    "m_flow_hot": (0.0, 200.0),
+    "m_flow_cold": (0.0, 200.0),
+    "T_hot_in": (0.0, 180.0),
+    "T_cold_in": (-30.0, 150.0),
+    "T_hot_out": (-30.0, 180.0),
+    "T_cold_out": (-30.0, 180.0),
+}
+# Plates 2 to 3 mm apart that pass 3 to 5 kW/(m2 K) hold so much water on each side.
+WATER_PER_TRANSFER = 7e-4  # kg per W/K
 
 
 def heat_exchanger(
@@ -38,6 +64,10 @@ def heat_exchanger(
     heat_capacity_cold: float | None = None,
     fluid_hot: str = "water",
     fluid_cold: str = "water",
+    dynamics: Literal["compartments", "quasi-steady"] = "compartments",
+    flow_hot: float = 1.0,
+    flow_cold: float = 1.0,
+    exponent: float = 0.7,
 ) -> ComponentModel:
     """Plate heat exchanger model.
 
@@ -49,6 +79,9 @@ def heat_exchanger(
     metal : with the plates' heat capacity as n further states (Sejling 1993); the fluids then exchange heat with it
     heat_capacity_hot, heat_capacity_cold : of the fluids [J/(kg K)]; the fluid's own where it is not given
     fluid_hot, fluid_cold : what flows on each side, see :mod:`fdd.models.fluid`
+    dynamics : ``"compartments"``, or ``"quasi-steady"`` for samples further apart than water stays
+    flow_hot, flow_cold : usual flows, at which the quasi-steady transfer is told [kg/s]
+    exponent : of the flows in the quasi-steady transfer [1]; 0.7 for plates
 
     Raises
     ------
@@ -62,6 +95,16 @@ def heat_exchanger(
         raise ModelError(f"heat_exchanger: transfer {transfer!r} is unknown; use one of {', '.join(TRANSFERS)}")
     _, cp_hot, hot = chosen("heat_exchanger, hot side", fluid_hot, heat_capacity_hot)
     _, cp_cold, cold = chosen("heat_exchanger, cold side", fluid_cold, heat_capacity_cold)
+    media = {**{f"{k}_hot": v for k, v in hot.items()}, **{f"{k}_cold": v for k, v in cold.items()}}
+    if dynamics == "quasi-steady":
+        _check_steady(transfer, metal, flow_hot, flow_cold, exponent)
+        law = 0.0 if transfer == "constant" else exponent
+        steady = SteadyExchanger(flow == "counter", law, (cp_hot, cp_cold), (flow_hot, flow_cold))
+        made = {"dynamics": dynamics, "flow": flow, "transfer": transfer, "exponent": exponent}
+        made |= {"flow_hot": flow_hot, "flow_cold": flow_cold}
+        return steady_exchanger(steady, {**made, **media}, (INPUTS, OUTPUTS), VALID)
+    if dynamics != "compartments":
+        raise ModelError(f"heat_exchanger: dynamics {dynamics!r} is unknown; use 'compartments' or 'quasi-steady'")
     equations = _Equations(compartments, flow, transfer, metal, cp_hot, cp_cold)
     last = compartments
     return ComponentModel(
@@ -69,16 +112,8 @@ def heat_exchanger(
         version="1",
         title="Plate heat exchanger",
         states=_states(compartments, metal),
-        inputs=(
-            Quantity("m_flow_hot", "kg/s", "flow on the hot (primary) side"),
-            Quantity("m_flow_cold", "kg/s", "flow on the cold (secondary) side"),
-            Quantity("T_hot_in", "degC", "inlet temperature of the hot side"),
-            Quantity("T_cold_in", "degC", "inlet temperature of the cold side"),
-        ),
-        outputs=(
-            Quantity("T_hot_out", "degC", "outlet temperature of the hot side"),
-            Quantity("T_cold_out", "degC", "outlet temperature of the cold side"),
-        ),
+        inputs=INPUTS,
+        outputs=OUTPUTS,
         parameters=_parameters(transfer, metal),
         drift=equations.drift,
         diffusion=equations.diffusion,
@@ -93,17 +128,10 @@ def heat_exchanger(
             "flow": flow,
             "transfer": transfer,
             "metal": metal,
-            **{f"{k}_hot": v for k, v in hot.items()},
-            **{f"{k}_cold": v for k, v in cold.items()},
+            **media,
         },
-        valid={
-            "m_flow_hot": (0.0, 200.0),
-            "m_flow_cold": (0.0, 200.0),
-            "T_hot_in": (0.0, 180.0),
-            "T_cold_in": (-30.0, 150.0),
-            "T_hot_out": (-30.0, 180.0),
-            "T_cold_out": (-30.0, 180.0),
-        },
+        valid=VALID,
+        plausible=_plausible(transfer),
         faults=_faults(transfer),
         references=(
             "Andersen, K.K., Palsson, O.P., Madsen, H., Knudsen, L.H. (2000). Experimental design and setup for heat "
@@ -187,6 +215,42 @@ class _Equations:
                 j = n - 1 - i if self.counter else i
                 state[f"T_wall_{i + 1}"] = 0.5 * (state[f"T_hot_{i + 1}"] + state[f"T_cold_{j + 1}"])
         return state
+
+
+def _check_steady(transfer: str, metal: bool, flow_hot: float, flow_cold: float, exponent: float) -> None:
+    if metal:
+        raise ModelError("heat_exchanger: quasi-steady outlets do not show the plates' heat capacity; drop 'metal'")
+    if transfer == "flow-temperature":
+        raise ModelError("heat_exchanger: quasi-steady transfer is 'constant', 'flow' or 'flow-symmetric'")
+    if not (flow_hot > 0 and flow_cold > 0):
+        raise ModelError(f"heat_exchanger: usual flows {flow_hot} and {flow_cold} kg/s; give positive ones")
+    if not 0.0 <= exponent <= 1.2:
+        raise ModelError(f"heat_exchanger: exponent {exponent} is outside [0, 1.2]; plates have 0.6 to 0.8")
+
+
+def _plausible(transfer: str) -> tuple[Plausible, ...]:
+    """Water content over transfer at 1 kg/s, each side."""
+
+    def transfer_of(p: Mapping[str, float]) -> float:
+        if transfer == "constant":
+            return p["U"]
+        if transfer == "flow-symmetric":
+            return 0.5 * p["C"]
+        letter = "C" if transfer == "flow" else "K"
+        return 1.0 / (1.0 / p[f"{letter}_hot"] + 1.0 / p[f"{letter}_cold"])
+
+    def content(side: str) -> Plausible:
+        return Plausible(
+            f"water on the {side} side over the transfer at 1 kg/s",
+            lambda p: p[f"M_{side}"] / transfer_of(p),
+            "kg K/W",
+            WATER_PER_TRANSFER,
+            8.0,
+            f"give M_{side} from the plate (parameters: {{M_{side}: {{plate: ...}}}}) or let fdd fit take quasi-steady "
+            "outlets (drop the options compartments and metal)",
+        )
+
+    return tuple(content(side) for side in ("hot", "cold"))
 
 
 def _power(flow: Any, y: Any) -> Any:

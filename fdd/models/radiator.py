@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-from fdd.models.declare import ComponentModel, Fault, ModelError, Namespace, Parameter, Quantity, State
+from fdd.models.declare import ComponentModel, Fault, ModelError, Namespace, Parameter, Plausible, Quantity, State
 from fdd.models.fluid import chosen
 from fdd.models.functions import exp, forward, gpow, log, sqrt
 
@@ -24,6 +24,8 @@ SMALLEST_SECTION = 0.02  # no compartment is thinner than this share of the radi
 SEEPAGE = 1e-5  # kg/s added to the flow in the boundary's balance, so that a closed valve has a logarithm
 
 PAPER = "Andersen (2001), Paper D"
+# Panel radiators hold 3 to 5 kg of water and 15 to 30 kg of steel for a kilowatt at 50 K (EN 442 data sheets).
+CAPACITY_PER_EMISSION = 20.0  # J/(K W)
 
 
 def radiator(
@@ -80,6 +82,17 @@ def radiator(
         },
         valid={"T_supply": (5.0, 110.0), "T_room": (-10.0, 40.0), "m_flow": (0.0, 0.5), "T_return": (5.0, 110.0)},
         faults=FAULTS,
+        plausible=(
+            Plausible(
+                "heat capacity over the emission at 50 K",
+                lambda p: p["C"] / (p["H"] * 50.0**exponent),
+                "J/(K W)",
+                CAPACITY_PER_EMISSION,
+                5.0,
+                "see that flow and temperatures are those of the radiators alone, or give C from the data sheet "
+                "(parameters: {C: {plate: ...}})",
+            ),
+        ),
         references=(
             "Andersen, K.K., Hansen, L.H., Madsen, H. (2000). A model for the heat dynamics of a radiator. "
             "In: Andersen (2001), Stochastic Modelling of Energy Systems, IMM-PHD-2001-79, Paper D.",

@@ -52,11 +52,24 @@ def restrict(
         noise=narrow(model.noise),
         start=narrow(model.start),
         options={**model.options, **({"fixed": fixed} if fixed else {}), **({"tied": tied} if tied else {})},
+        plausible=tuple(replace(c, of=_of_all(c.of, fixed, tied)) for c in model.plausible),
         faults=tuple(
             replace(f, shows={s: v for s, v in f.shows.items() if s not in fixed and s not in tied})
             for f in model.faults
         ),
     )
+
+
+def _of_all(
+    of: Callable[[Mapping[str, float]], float], fixed: Mapping[str, float], tied: Mapping[str, str]
+) -> Callable[[Mapping[str, float]], float]:
+    """A number of all parameters, from the fewer that are estimated."""
+
+    def number(p: Mapping[str, float]) -> float:
+        known = {**p, **fixed}
+        return of({**known, **{symbol: known[other] for symbol, other in tied.items()}})
+
+    return number
 
 
 def _with_parameters(equations: Equations, change: Callable[[Namespace], Namespace]) -> Equations:

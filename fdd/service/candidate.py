@@ -18,6 +18,7 @@ from fdd.service.granted import spread_of
 from fdd.service.history import History, runs
 from fdd.service.identify import IdentifyError, identify
 from fdd.service.plan import Component, Plan
+from fdd.service.plausible import objections
 from fdd.service.window import DAY, LENGTHS, Window, choose, days_of, record
 
 # Every fifth day is held out of a fit that is only made to be tested on them.
@@ -58,12 +59,15 @@ def consider(
     suspected : a fault was suspected before and nobody has answered yet
     """
     current = chain[-1]
+    component = component.following(current)
     if not len(history):
         return Candidate(component.name, Outcome.REFUSED, "no data outside alarms in the span that was asked for")
     window = choose(plan, component, history, current, lengths)
     part = history.between(window.start, window.end)
     try:
         baseline, result = identify(plan, component, part, start=current.parameters)
+        if against := objections(component, result):
+            return Candidate(component.name, Outcome.REFUSED, "; ".join(against), window)
         trained, gain = _held_out(plan, component, part, current)
     except IdentifyError as error:
         return Candidate(component.name, Outcome.REFUSED, str(error), window)

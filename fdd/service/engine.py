@@ -50,7 +50,7 @@ class Engine:
     """One site's filters, chillers, charts and alarms; what has no baseline is left out."""
 
     def __init__(self, plan: Plan, baselines: Mapping[str, Baseline]) -> None:
-        self.plan = plan
+        self.plan = plan = plan.following(baselines)
         self._baselines = {name: b for name, b in baselines.items() if name in {c.name for c in plan.watched}}
         self._framer = Framer(plan.points, plan.step, plan.lateness, plan.max_jump)
         self._groups = _group(plan, baselines)
@@ -158,7 +158,8 @@ class Engine:
         EngineError
             A baseline is of something that is not watched, or of another model than the site's.
         """
-        models = {c.name: c.model.name for g in self._groups for c in g.components}
+        running = {c.name: c for g in self._groups for c in g.components}
+        models = {name: c.model.name for name, c in running.items()}
         for name, b in baselines.items():
             if name not in self._baselines:
                 raise EngineError(f"{name} is not watched; restart the service with --fresh to take it up")
@@ -166,6 +167,11 @@ class Engine:
                 raise EngineError(
                     f"baseline version {b.version} of {name} is of model {b.model}, the site says {models[name]}; "
                     "fit it anew"
+                )
+            if name in running and running[name].following(b) is not running[name]:
+                raise EngineError(
+                    f"baseline version {b.version} of {name} is of another variant of {b.model} than the one that runs "
+                    f"({b.options}); restart the service with --fresh to take it up"
                 )
         self._baselines |= baselines
         rebased = {name for g in self._groups for name in g.rebase(baselines)}

@@ -66,6 +66,7 @@ def propose(
     store = opened.store()
     baseline = in_force(store, [name]).get(name)
     store.close()
+    component = component.following(baseline) if baseline else component
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("comparing designs", total=count)
         designs = candidates(component.model, signals, _usual(component, t), t, count=count)

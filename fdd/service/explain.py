@@ -80,7 +80,7 @@ def looked_at_again(opened: Opened, alarm: JsonObject) -> list[Alone]:
     # A baseline that was fitted to the fault itself knows no departure.
     if baseline is None or baseline.end > int(alarm["since"]):
         return []
-    return explained_by(opened.plan, component, history, baseline)
+    return explained_by(opened.plan, component.following(baseline), history, baseline)
 
 
 def story(site_file: Path, alarm: JsonObject) -> str:
@@ -93,7 +93,7 @@ def story(site_file: Path, alarm: JsonObject) -> str:
         lines.append(f"  {_share(cause)}  {cause['meaning']}")
         lines += [f"        for: {reason}" for reason in cause["for"]]
         lines += [f"        against: {reason}" for reason in cause["against"]]
-    lines += _again(looked_at_again(opened, alarm), {c.name: c for c in opened.plan.components}.get(alarm["component"]))
+    lines += _again(looked_at_again(opened, alarm), _running(opened, alarm["component"]))
     lines += _cost(alarm["evidence"].get("cost_per_day"))
     lines += ["", "What to check, in this order:"]
     lines += [f"  {i}. {check}" for i, check in enumerate(alarm["checks"], 1)]
@@ -104,6 +104,16 @@ def story(site_file: Path, alarm: JsonObject) -> str:
 
 def _share(cause: JsonObject) -> str:
     return likely(float(cause["likelihood"])) if cause.get("likelihood") is not None else "not weighed"
+
+
+def _running(opened: Opened, name: str) -> Component | None:
+    """A component with the variant of its model that runs; None for what is no component."""
+    store = opened.store(read_only=True)
+    try:
+        followed = opened.plan.following(in_force(store, [name]))
+    finally:
+        store.close()
+    return {c.name: c for c in followed.components}.get(name)
 
 
 def _again(found: list[Alone], component: Component | None) -> list[str]:

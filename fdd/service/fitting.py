@@ -13,7 +13,7 @@ from fdd.greybox.plots import write_html
 from fdd.greybox.results import FitResult
 from fdd.greybox.validate import validate
 from fdd.records import Baseline
-from fdd.service.baselines import accept
+from fdd.service.baselines import accept, propose
 from fdd.service.chiller_fit import FittedChiller, learn_chiller
 from fdd.service.errors import UsageError
 from fdd.service.feed import Feed
@@ -21,6 +21,9 @@ from fdd.service.history import History, read_history, runs
 from fdd.service.identify import IdentifyError, chance, data_of, identify
 from fdd.service.opened import Opened, open_site
 from fdd.service.plan import Chiller, Component
+from fdd.service.plausible import objections
+from fdd.service.structure import choose
+from fdd.store.store import Store
 
 # Parameter charts widened by more than this are worth a warning.
 LOOSE = 1.5
@@ -33,6 +36,7 @@ class Fitted:
     baseline: Baseline
     result: FitResult
     warnings: tuple[str, ...]
+    against: tuple[str, ...] = ()
 
     def summary(self) -> str:
         """The fit's table, and what the charts will see of it."""
@@ -43,7 +47,13 @@ class Fitted:
                 f"lag-one autocorrelation {s['lag1']:+.3f} (0 when it is)"
             )
         lines += [f"  warning: {w}" for w in self.warnings if w not in self.result.warnings]
-        lines.append(f"  baseline version {self.baseline.version} of {self.baseline.component} is in force")
+        name, version = self.baseline.component, self.baseline.version
+        lines += [f"  structure: {line}" for line in self.baseline.diagnostics.get("structure", ())]
+        if not self.against:
+            return "\n".join([*lines, f"  baseline version {version} of {name} is in force"])
+        lines.append(f"  baseline version {version} of {name} is NOT in force, because")
+        lines += [f"    {reason}" for reason in self.against]
+        lines.append(f"    whoever knows better: fdd baselines SITE --approve {name} {version}")
         return "\n".join(lines)
 
 
@@ -103,7 +113,7 @@ def fit_opened(
             except IdentifyError as error:
                 failures.append(str(error))
             else:
-                fitted.append(replace(found, baseline=accept(store, found.baseline)))
+                fitted.append(_kept(store, found))
             progress.advance(task)
         store.close()
     if failures and not fitted:
@@ -156,8 +166,19 @@ def _write_validation(fitted: Sequence[Fitted], opened: Opened, later: History |
 def _fit(opened: Opened, watched: Component | Chiller, history: History, starts: int) -> Fitted | FittedChiller:
     if isinstance(watched, Chiller):
         return learn_chiller(opened.plan, watched, history)
-    baseline, result = identify(opened.plan, watched, history, starts=starts)
-    return Fitted(baseline, result, warnings_of(baseline, result))
+    choice = choose(opened.plan, watched, history)
+    # A variant that won over others has been searched for already.
+    searches = starts if choice.start is None else 1
+    baseline, result = identify(opened.plan, choice.component, history, start=choice.start, starts=searches)
+    against = objections(choice.component, result)
+    diagnostics = {**baseline.diagnostics, **choice.document, **({"objections": list(against)} if against else {})}
+    return Fitted(replace(baseline, diagnostics=diagnostics), result, warnings_of(baseline, result), against)
+
+
+def _kept(store: Store, found: Fitted | FittedChiller) -> Fitted | FittedChiller:
+    """Put in force, or kept for a person to approve where something speaks against it."""
+    keep = propose if isinstance(found, Fitted) and found.against else accept
+    return replace(found, baseline=keep(store, found.baseline))
 
 
 def read_span(opened: Opened, since: str | None, until: str | None) -> History:

@@ -67,7 +67,8 @@ def identify(
             f"{', '.join((*component.inputs, *component.outputs))} have data there"
             + (f" and that the gate {component.when!r} is open" if component.when else "")
         )
-    result = fit(component.model, [data_of(r) for r in found], start=start, starts=starts)
+    records = [data_of(r) for r in found]
+    result = fit(component.model, records, start=start, starts=starts, priors=component.priors)
     baseline = Baseline(
         component=component.name,
         version=version,

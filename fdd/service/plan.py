@@ -5,8 +5,11 @@ Everything that can be wrong in a site is found here, before the first sample.
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +17,10 @@ from fdd.chiller_eiv.config import ChillerConfig
 from fdd.config import Equipment, Site, component_model
 from fdd.config.chiller import chiller_config, chillers_share, is_chiller
 from fdd.expressions import Expression
+from fdd.greybox.scale import Prior
 from fdd.models.declare import ComponentModel, Parameter
-from fdd.records import NANOSECONDS, FloatArray
+from fdd.models.structures import Structure, structures
+from fdd.records import NANOSECONDS, Baseline, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +51,45 @@ class Component:
     upstream: frozenset[str] = frozenset()
     charts: frozenset[str] = frozenset()
     exclude: frozenset[str] = frozenset()
+    equipment: Equipment | None = None
+
+    @property
+    def plates(self) -> dict[str, tuple[float, float]]:
+        """Plate values of the model's parameters, and the factor within which an estimate is theirs."""
+        given = self.equipment.parameters if self.equipment is not None else {}
+        symbols = [p.symbol for p in self.model.parameters if p.transform == "log"]
+        return {s: (p.plate, p.within) for s in symbols if (p := given.get(s)) is not None and p.plate is not None}
+
+    @property
+    def priors(self) -> dict[str, Prior]:
+        """What plates say of parameters before the data."""
+        return {s: Prior(plate, 0.5 * math.log(factor), log=True) for s, (plate, factor) in self.plates.items()}
+
+    def structures(self, step: float, usual: Mapping[str, float]) -> tuple[Structure, ...]:
+        """Variants of the model that the site file leaves open, for frames of ``step`` seconds and usual inputs."""
+        if self.equipment is None:
+            return ()
+        said, symbols = {*self.equipment.options, *self.equipment.parameters}, self.model.symbols["parameters"]
+        return structures(self.model.name, said, symbols, step, usual)
+
+    def variant(self, options: Mapping[str, Any]) -> Component:
+        """The same component with further options of its model."""
+        if self.equipment is None:
+            return self
+        return replace(self, model=_bounded(component_model(self.equipment, options), self.equipment))
+
+    def following(self, baseline: Baseline) -> Component:
+        """The component with the variant of its model that a baseline was fitted with.
+
+        What the site file says stands: a baseline of other options is not followed.
+        """
+        made, said = baseline.options, self.equipment.options if self.equipment is not None else {}
+        if baseline.model != self.model.name or _plain(made) == _plain(self.model.options):
+            return self
+        open_ = {k: v for k, v in made.items() if k not in ("fixed", "tied")}
+        if any(_plain(v) != _plain(made.get(k)) for k, v in said.items() if k not in ("fixed", "tied")):
+            return self
+        return self.variant(open_)
 
     def carries(self, kind: str, symbol: str) -> bool:
         """Whether a chart of this kind watches this output or parameter."""
@@ -101,6 +145,11 @@ class Plan:
         """Names of a frame's columns: the measured points, then the derived ones."""
         return (*self.points, *(d.name for d in self.derived))
 
+    def following(self, baselines: Mapping[str, Baseline]) -> Plan:
+        """The plan with the variants of models that baselines were fitted with."""
+        followed = (c.following(baselines[c.name]) if c.name in baselines else c for c in self.components)
+        return replace(self, components=tuple(followed))
+
     def derive(self, values: FloatArray) -> FloatArray:
         """Columns (m, n_columns) from the measured points' values (m, n_points)."""
         table = {name: values[:, i] for i, name in enumerate(self.points)}
@@ -136,6 +185,7 @@ def plan_of(site: Site) -> Plan:
                 upstream=frozenset(equipment.upstream),
                 charts=frozenset(equipment.charts.kinds),
                 exclude=frozenset(equipment.charts.exclude),
+                equipment=equipment,
             )
         )
     return Plan(
@@ -157,6 +207,11 @@ def plan_of(site: Site) -> Plan:
     )
 
 
+def _plain(value: Any) -> str:
+    """Options as they come back from a store."""
+    return json.dumps(value, sort_keys=True)
+
+
 def _nanoseconds(seconds: float) -> int:
     return round(seconds * NANOSECONDS)
 
@@ -174,7 +229,8 @@ def _bounded(model: ComponentModel, equipment: Equipment) -> ComponentModel:
             return p
         lower = p.lower if spec.lower is None else spec.lower
         upper = p.upper if spec.upper is None else spec.upper
-        typical = min(max(p.typical, lower), upper) if spec.initial is None else spec.initial
+        first = p.typical if spec.plate is None else spec.plate
+        typical = min(max(first, lower), upper) if spec.initial is None else spec.initial
         return replace(p, typical=typical, lower=lower, upper=upper)
 
     return replace(model, parameters=tuple(given(p) for p in model.parameters))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
 from fdd.config import Site
+from fdd.records import Baseline
 from fdd.report.content import gather
 from fdd.report.render import findings_csv, findings_json, write_gathered, write_pages
 from fdd.report.site import ComponentInfo, OutputInfo, ParameterInfo, SiteInfo
 from fdd.report.words import DAY
+from fdd.service.baselines import in_force
 from fdd.service.errors import UsageError
 from fdd.service.opened import Opened, open_site
 from fdd.service.plan import Chiller, Component
@@ -20,14 +22,14 @@ PERIODS: dict[Period, int] = {"weekly": 7 * DAY, "monthly": 30 * DAY}
 WRITERS = {".json": findings_json, ".csv": findings_csv}
 
 
-def site_info(opened: Opened) -> SiteInfo:
-    """Names, units, zone and budget, from the site file and the models."""
-    site = opened.site
+def site_info(opened: Opened, baselines: Mapping[str, Baseline] | None = None) -> SiteInfo:
+    """Names, units, zone and budget, from the site file and the models as the baselines have them."""
+    site, plan = opened.site, opened.plan.following(baselines or {})
     return SiteInfo(
         name=site.name,
         zone=site.zone,
         false_alarms_per_year=site.false_alarms_per_year,
-        components={c.name: _info(site, c) for c in opened.plan.watched},
+        components={c.name: _info(site, c) for c in plan.watched},
         tariffs=site.tariffs.model_dump(),
     )
 
@@ -90,9 +92,9 @@ def report_site(
         if path.suffix not in WRITERS:
             raise UsageError(f"findings cannot be written as {path.suffix!r} ({path}); name a .json or a .csv file")
     opened = open_site(site_file)
-    info = site_info(opened)
     store = opened.store(read_only=True)
     try:
+        info = site_info(opened, in_force(store, [c.name for c in opened.plan.components]))
         report = gather(store, info, opened.nanoseconds(since), opened.nanoseconds(until), PERIODS[period])
     finally:
         store.close()
