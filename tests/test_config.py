@@ -371,9 +371,9 @@ def test_documented_keys_exist() -> None:
     assert documented - known == set()
 
 
-@pytest.mark.parametrize("number", range(6))
+@pytest.mark.parametrize("number", range(7))
 def test_example_in_the_reference_loads(number: int) -> None:
     examples = re.findall(r"```yaml\n(.*?)```", REFERENCE.read_text(encoding="utf-8"), flags=re.DOTALL)
-    assert len(examples) == 6
+    assert len(examples) == 7
     site = parse_site(examples[number])
     assert [f for f in check_site(site) if f.severity == "error"] == []

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from fdd.config.base import suggestion
+from fdd.config.equipment_rows import has_filter, kind_of, missing_roles
 from fdd.config.schema import CHILLER, Equipment, Site
 from fdd.models.declare import ComponentModel, ModelError, Quantity
+from fdd.models.expectation import EquipmentModel
 from fdd.models.registry import get_model
 from fdd.units import NAMES, UnitError, conversion
 
@@ -75,14 +77,58 @@ def _equipment(site: Site, name: str, equipment: Equipment) -> Iterator[Finding]
     if equipment.model == CHILLER:
         yield from _chiller(site, key, name)
         return
+    kind = kind_of(equipment)
+    if kind is not None:
+        yield from _rows(site, name, kind)
+        if not has_filter(equipment):
+            yield from _no_filter(site, name)
+            return
     try:
         model = component_model(equipment)
     except (ModelError, TypeError) as error:
         yield Finding("error", f"{key}.model", str(error))
         return
-    yield from _roles(site, f"{key}.inputs", equipment.inputs, model.inputs)
-    yield from _roles(site, f"{key}.outputs", equipment.outputs, model.outputs)
+    if kind is None:
+        yield from _roles(site, f"{key}.inputs", equipment.inputs, model.inputs)
+        yield from _roles(site, f"{key}.outputs", equipment.outputs, model.outputs)
     yield from _parameters(key, equipment, model)
+
+
+def _no_filter(site: Site, name: str) -> Iterator[Finding]:
+    """What a site says of a filter that there is not."""
+    equipment, key = site.equipment[name], f"equipment.{name}"
+    if equipment.filter:
+        problem = f"{equipment.model} has no filter, or the filter lacks points"
+        yield Finding("error", f"{key}.filter", problem, "Map all of its roles (`fdd models`), or leave it out.")
+    for word in ("parameters", "start_up"):
+        if word in equipment.model_fields_set:
+            yield Finding("warning", f"{key}.{word}", "is for a filter, and there is none", "Add `filter: true`.")
+
+
+def _rows(site: Site, name: str, kind: EquipmentModel) -> Iterator[Finding]:
+    """Roles of equipment that is watched by rows: any table, any of a role's names, and all but a few optional."""
+    equipment, key = site.equipment[name], f"equipment.{name}"
+    taken: dict[str, str] = {}
+    for table in ("inputs", "outputs"):
+        for word, point in getattr(equipment, table).items():
+            place, symbol = f"{key}.{table}.{word}", kind.symbol_of(word)
+            if symbol is None:
+                known = [*kind.by_symbol, *(n for r in kind.roles for n in r.names)]
+                yield Finding("error", place, "the model has no such role", suggestion(word, known))
+            elif symbol in taken:
+                problem = f"means the same role ({symbol}) as {taken[symbol]!r}"
+                yield Finding("error", place, problem, "Keep one of the two.")
+            else:
+                taken[symbol] = word
+                yield from _fit(site, place, point, kind.by_symbol[symbol])
+    for role in missing_roles(equipment, kind):
+        problem = f"role {role.symbol} ({role.meaning}) has no point"
+        yield Finding("error", key, problem, f"Add `{role.symbol}: POINT` [{role.unit}].")
+    left = [r for r in kind.rows if not set(r.needs) <= taken.keys()]
+    if left:
+        absent = sorted({symbol for r in left for symbol in r.needs if symbol not in taken})
+        problem = f"{len(left)} of {len(kind.rows)} expectations cannot be judged without {', '.join(absent)}"
+        yield Finding("warning", key, problem, "Map what the plant measures of these.")
 
 
 # What a filter's equipment has and a chiller does not, with what stands in its place.

@@ -125,6 +125,9 @@ class Equipment(Strict):
     weight: float = Field(default=1.0, gt=0, description="share of the false-alarm budget, relative to other equipment")
     upstream: tuple[str, ...] = Field(default=(), description="equipment whose alarm explains this one's")
     charts: Charts = Field(default=Charts(), description="which charts watch it")
+    filter: bool = Field(
+        default=False, description="a filter beside the rows of expectations, where the model has both (air_handler)"
+    )
     title: str = Field(default="", description="name for people")
     location: str = Field(default="", description="where to find it")
 

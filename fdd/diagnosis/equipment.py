@@ -24,8 +24,6 @@ CONTRADICTS = 6.0
 """Log-odds that a ringing row which a cause does not explain takes from it, at most: rows are not infallible."""
 SHOWN = 0.01
 """Causes less likely than this are not told."""
-BANK = "steady readings"
-"""Name of the bank's own test."""
 
 
 @dataclass(frozen=True)

@@ -212,9 +212,13 @@ class SteadyForm:
 
 @dataclass(frozen=True, slots=True)
 class EquipmentFault:
-    """A fault in words: what it means, what to check first, and its odds before any evidence."""
+    """A fault in words: what it means, where it sits (faults of one place are one finding), what to check first.
+
+    ``odds`` are those before any evidence, against the other faults.
+    """
 
     name: str
+    place: str
     meaning: str
     checks: tuple[str, ...]
     odds: float = 1.0

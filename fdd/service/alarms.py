@@ -291,10 +291,12 @@ class AlarmBook:
 
     def _explains(self, source: Alarm, victim: Alarm) -> str:
         """Why one alarm may be the consequence of another; empty where it is not."""
-        if kind_of(source) != PLANT:
+        if kind_of(source) == MODEL:
             return ""
-        if source.component == victim.component:
+        if source.component == victim.component and kind_of(victim) in (PLANT, MODEL):
             return f"{source.component} has alarm {source.key}: a model of the healthy plant does not hold then"
+        if source.component == victim.component:
+            return ""
         shared = self._reads.get(victim.component, frozenset()) & set(source.evidence["points"])
         if shared:
             return f"it reads {', '.join(sorted(shared))}, which alarm {source.key} suspects"

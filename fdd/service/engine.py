@@ -24,10 +24,11 @@ from fdd.service.chillers import ChillerDay, Chillers
 from fdd.service.filters import FilterGroup, GroupStep
 from fdd.service.framing import Framer, Frames
 from fdd.service.kept import kept
-from fdd.service.plan import Chiller, Component, Plan
+from fdd.service.plan import Chiller, Component, Plan, RowEquipment
 from fdd.service.recent import Recent
+from fdd.service.row_monitors import RowMonitors, RowsDay
 
-SCHEMA = 10
+SCHEMA = 11
 DAY = 86400 * NANOSECONDS
 REMEMBERED = 9 * DAY  # how long after its onset an alarm is diagnosed anew every day
 _NONE = np.empty(0)  # what a site without filters concatenates
@@ -50,16 +51,24 @@ class Engine:
     """One site's filters, chillers, charts and alarms; what has no baseline is left out."""
 
     def __init__(self, plan: Plan, baselines: Mapping[str, Baseline]) -> None:
+<<<<<<< HEAD
         self.plan = plan = plan.following(baselines)
         self._baselines = {name: b for name, b in baselines.items() if name in {c.name for c in plan.watched}}
+=======
+        self.plan = plan
+        self._baselines = {name: b for name, b in baselines.items() if name in plan.baseline_names}
+>>>>>>> 4f69af6 (service: equipment is watched by rows from its first day)
         self._framer = Framer(plan.points, plan.step, plan.lateness, plan.max_jump)
         self._groups = _group(plan, baselines)
         self._charts = Charts(plan, self._groups)
         self._chillers = Chillers(plan, baselines)
+        self._rows = RowMonitors(plan, baselines)
         self._recent = Recent(self._groups, plan.columns)
         reads = {c.name: frozenset(c.inputs) for c in plan.components}
         reads |= {c.name: frozenset(c.inputs.values()) for c in plan.chillers}
-        self.alarms = AlarmBook(reads, {c.name: c.upstream for c in plan.watched})
+        reads |= {e.name: frozenset(e.inputs.values()) for e in plan.equipment}
+        upstream = {e.name: e.upstream for e in plan.equipment} | {c.name: c.upstream for c in plan.watched}
+        self.alarms = AlarmBook(reads, upstream)
         self._components = {c.name: c for c in plan.components}
         self._group_of = {c.name: g for g in self._groups for c in g.components}
         self._outputs = tuple(
@@ -71,9 +80,10 @@ class Engine:
         self._undiagnosed: dict[str, int] = {}
 
     @property
-    def watched(self) -> list[Component | Chiller]:
-        """Components and chillers that have a baseline, in the engine's order."""
-        return [*(c for g in self._groups for c in g.components), *self._chillers]
+    def watched(self) -> list[Component | Chiller | RowEquipment]:
+        """Components and chillers that have a baseline, and equipment watched by rows alone, in the engine's order."""
+        fitted = [*(c for g in self._groups for c in g.components), *self._chillers]
+        return [*fitted, *(e for e in self._rows if e.name not in {c.name for c in fitted})]
 
     @property
     def counts(self) -> dict[str, int]:
@@ -82,7 +92,8 @@ class Engine:
         for g in self._groups:
             for reason, n in g.restarts.items():
                 restarts[f"restart: {reason}"] = restarts.get(f"restart: {reason}", 0) + n
-        return {**self._framer.counts, **restarts, **self._chillers.counts, **self._undiagnosed}
+        failed = {**self._chillers.counts, **self._rows.counts, **self._undiagnosed}
+        return {**self._framer.counts, **restarts, **failed}
 
     @property
     def phases(self) -> dict[str, int]:
@@ -108,8 +119,8 @@ class Engine:
 
     @property
     def notes(self) -> list[str]:
-        """The last failure of each chiller in words."""
-        return list(self._chillers.notes.values())
+        """The last failure of each chiller, and of each piece of equipment watched by rows, in words."""
+        return [*self._chillers.notes.values(), *self._rows.notes.values()]
 
     @property
     def time(self) -> int | None:
@@ -121,8 +132,12 @@ class Engine:
         return self._run(self._framer.add(batch))
 
     def flush(self) -> Outputs:
-        """The stream has ended: close the frames that are open."""
-        return self._run(self._framer.flush())
+        """The stream has ended: close the frames that are open, and the day."""
+        ended = self._run(self._framer.flush())
+        days = self._rows.flush()
+        alarms = self._findings(days)
+        rows = concatenate([r for d in days for r in d.rows])
+        return Outputs([*ended.rows, *(r for r in rows if len(r))], [*ended.alarms, *alarms], ended.frames)
 
     def command(self, command: Command) -> Outputs:
         """Carry out an operator's command at the engine's present event time.
@@ -139,7 +154,9 @@ class Engine:
         return Outputs(alarms=changed)
 
     def _reset(self, alarm: Alarm) -> None:
-        if alarm.component in self._chillers:
+        if self._rows.owns(alarm):
+            self._rows.reset(alarm)
+        elif alarm.component in self._chillers:
             self._chillers.reset(alarm.component)
         else:
             self._charts.reset(alarm.component, kind_of(alarm))
@@ -178,6 +195,10 @@ class Engine:
         self._charts.rebase(rebased)
         for name in rebased:
             self._recent.forget(name)
+        if any(e.baseline in baselines for e in self._rows):
+            kept = self._rows.export_state()
+            self._rows = RowMonitors(self.plan, self._baselines)
+            self._rows.restore_state(kept)
         if any(name in self._chillers for name in baselines):
             state = self._chillers.export_state()
             self._chillers = Chillers(self.plan, self._baselines)
@@ -203,8 +224,10 @@ class Engine:
             phase = chart_step.verdicts.phase
             self._judged += float(np.mean(phase > Phase.NO_DATA)) if phase.size else 1.0
             closed = self._chillers.step(time, row)
+            judged = self._rows.step(time, row)
+            alarms += self._findings(judged)
             alarms += self._alarm(time, chart_step, closed)
-            days += [rows for day in closed for rows in day.rows]
+            days += [rows for day in closed for rows in day.rows] + [rows for day in judged for rows in day.rows]
             steps.append(group_steps)
             charted.append(chart_step)
             if self._time is not None and time // DAY > self._time // DAY:
@@ -228,6 +251,11 @@ class Engine:
         # An alarm that changed more than once in a frame is told as it now is.
         return [self._diagnosed(alarm) for alarm in {subject_of(a): a for a in changed}.values()]
 
+    def _findings(self, days: Sequence[RowsDay]) -> list[Alarm]:
+        """What the verdicts of closed days make of the alarms, at the time of each day's last frame."""
+        changed = [a for day in days if day.rings for a in self.alarms.ring(day.time, day.rings)]
+        return [self._diagnosed(alarm) for alarm in {subject_of(a): a for a in changed}.values()]
+
     def _ring(self, time: int, i: int, step: ChartStep) -> Ring:
         stream = self._charts.streams[i]
         v = step.verdicts
@@ -244,6 +272,8 @@ class Engine:
         return Ring(stream.component, stream.name, stream.point, since, evidence, stream.alarm)
 
     def _is_normal(self, alarm: Alarm, step: ChartStep) -> bool:
+        if self._rows.owns(alarm):
+            return self._rows.is_normal(alarm)
         if alarm.component in self._chillers:
             return self._chillers.is_normal(alarm.component)
         return self._charts.is_normal(subject_of(alarm), step)
@@ -253,8 +283,12 @@ class Engine:
         return [
             self._diagnosed(replace(a, updated=time))
             for a in self.alarms.open
-            if a.state is not AlarmState.RETURNED and a.component in self._components and time - a.since < REMEMBERED
+            if a.state is not AlarmState.RETURNED and self._is_revisited(a) and time - a.since < REMEMBERED
         ]
+
+    def _is_revisited(self, alarm: Alarm) -> bool:
+        """Whether days since the onset may tell more than its own day did: of filters alone."""
+        return alarm.component in self._components and not self._rows.owns(alarm)
 
     def _diagnosed(self, alarm: Alarm) -> Alarm:
         """The alarm with its causes; a diagnosis that fails is counted and said, and never loses the alarm."""
@@ -270,7 +304,9 @@ class Engine:
         return alarm
 
     def _explained(self, alarm: Alarm) -> Alarm:
-        if alarm.component in self._chillers:
+        if self._rows.owns(alarm):
+            alarm = self._rows.explain(alarm)
+        elif alarm.component in self._chillers:
             alarm = self._chillers.explain(alarm)
         elif kind_of(alarm) == MODEL:
             alarm = of_model(alarm)
@@ -347,6 +383,7 @@ class Engine:
             "groups": [g.export_state() for g in self._groups],
             "charts": self._charts.export_state(),
             "chillers": self._chillers.export_state(),
+            "rows": self._rows.export_state(),
             "recent": self._recent.export_state(),
             "alarms": self.alarms.export_state(),
         }
@@ -361,7 +398,8 @@ class Engine:
         """
         if state["schema"] != SCHEMA:
             raise EngineError(f"engine state has schema {state['schema']}, this version reads {SCHEMA}; start afresh")
-        saved = [*(name for g in state["groups"] for name in g["components"]), *state["chillers"]["chillers"]]
+        fitted = [*(name for g in state["groups"] for name in g["components"]), *state["chillers"]["chillers"]]
+        saved = [*fitted, *(name for name in state["rows"]["equipment"] if name not in fitted)]
         here = [c.name for c in self.watched]
         if saved != here:
             raise EngineError(
@@ -378,6 +416,7 @@ class Engine:
         self._charts.restore_state(state["charts"])
         self._recent.restore_state(state["recent"])
         self._chillers.restore_state(state["chillers"])
+        self._rows.restore_state(state["rows"])
         self.alarms.restore_state(state["alarms"])
 
 

@@ -20,13 +20,17 @@ from fdd.service.feed import Feed
 from fdd.service.history import History, read_history, runs
 from fdd.service.identify import IdentifyError, chance, data_of, identify
 from fdd.service.opened import Opened, open_site
-from fdd.service.plan import Chiller, Component
+from fdd.service.plan import Chiller, Component, RowEquipment
 from fdd.service.plausible import objections
+from fdd.service.rows_fit import FittedRows, learn_rows
 from fdd.service.structure import choose
 from fdd.store.store import Store
 
 # Parameter charts widened by more than this are worth a warning.
 LOOSE = 1.5
+
+
+Watched = Component | Chiller | RowEquipment
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,9 @@ class Fitted:
         return "\n".join(lines)
 
 
+AnyFitted = Fitted | FittedChiller | FittedRows
+
+
 def fit_site(
     site_file: Path,
     data: Path | None,
@@ -67,7 +74,7 @@ def fit_site(
     html: Path | None,
     starts: int,
     console: Console,
-) -> list[Fitted | FittedChiller]:
+) -> list[AnyFitted]:
     """Fit every component (or those named), put the baselines in force, and say what is wrong with them.
 
     Raises
@@ -91,7 +98,7 @@ def fit_opened(
     only: Sequence[str] | None = None,
     starts: int = 3,
     console: Console,
-) -> list[Fitted | FittedChiller]:
+) -> list[AnyFitted]:
     """The same for a site that is open, without a page.
 
     Raises
@@ -103,7 +110,7 @@ def fit_opened(
         task = progress.add_task("reading", total=None)
         history = read_span(opened, since, until)
         progress.update(task, description="fitting", total=len(chosen), completed=0)
-        fitted: list[Fitted | FittedChiller] = []
+        fitted: list[AnyFitted] = []
         failures: list[str] = []
         store = opened.store()
         for component in chosen:
@@ -163,9 +170,11 @@ def _write_validation(fitted: Sequence[Fitted], opened: Opened, later: History |
     return written
 
 
-def _fit(opened: Opened, watched: Component | Chiller, history: History, starts: int) -> Fitted | FittedChiller:
+def _fit(opened: Opened, watched: Watched, history: History, starts: int) -> AnyFitted:
     if isinstance(watched, Chiller):
         return learn_chiller(opened.plan, watched, history)
+    if isinstance(watched, RowEquipment):
+        return learn_rows(opened.plan, watched, history)
     choice = choose(opened.plan, watched, history)
     # A variant that won over others has been searched for already.
     searches = starts if choice.start is None else 1
@@ -175,7 +184,7 @@ def _fit(opened: Opened, watched: Component | Chiller, history: History, starts:
     return Fitted(replace(baseline, diagnostics=diagnostics), result, warnings_of(baseline, result), against)
 
 
-def _kept(store: Store, found: Fitted | FittedChiller) -> Fitted | FittedChiller:
+def _kept(store: Store, found: AnyFitted) -> AnyFitted:
     """Put in force, or kept for a person to approve where something speaks against it."""
     keep = propose if isinstance(found, Fitted) and found.against else accept
     return replace(found, baseline=keep(store, found.baseline))
@@ -205,12 +214,13 @@ def read_span(opened: Opened, since: str | None, until: str | None) -> History:
     return span
 
 
-def _chosen(opened: Opened, only: Sequence[str] | None) -> list[Component | Chiller]:
-    names = [c.name for c in opened.plan.watched]
+def _chosen(opened: Opened, only: Sequence[str] | None) -> list[Watched]:
+    every: list[Watched] = [*opened.plan.equipment, *opened.plan.watched]
+    names = list(dict.fromkeys(c.name for c in every))
     for name in only or ():
         if name not in names:
             raise UsageError(f"no equipment is named {name!r}; there are {', '.join(names)}")
-    return [c for c in opened.plan.watched if not only or c.name in only]
+    return [c for c in every if not only or c.name in only]
 
 
 def warnings_of(baseline: Baseline, result: FitResult) -> tuple[str, ...]:

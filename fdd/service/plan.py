@@ -16,11 +16,17 @@ import numpy as np
 from fdd.chiller_eiv.config import ChillerConfig
 from fdd.config import Equipment, Site, component_model
 from fdd.config.chiller import chiller_config, chillers_share, is_chiller
+from fdd.config.equipment_rows import has_filter, kind_of, points_of, rows_budget, rows_share, sensor_errors
 from fdd.expressions import Expression
 from fdd.greybox.scale import Prior
 from fdd.models.declare import ComponentModel, Parameter
+<<<<<<< HEAD
 from fdd.models.structures import Structure, structures
 from fdd.records import NANOSECONDS, Baseline, FloatArray
+=======
+from fdd.models.expectation import EquipmentModel
+from fdd.records import NANOSECONDS, FloatArray
+>>>>>>> 4f69af6 (service: equipment is watched by rows from its first day)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,10 +114,33 @@ class Chiller:
 
 
 @dataclass(frozen=True, slots=True)
+class RowEquipment:
+    """One piece of equipment watched by rows of expectations.
+
+    ``inputs`` maps roles to columns, ``errors`` roles to their sensors' standard deviations where the site gives them;
+    ``when`` and ``upstream`` as a component's.
+    """
+
+    name: str
+    model: EquipmentModel
+    inputs: Mapping[str, str]
+    false_alarms_per_year: float
+    errors: Mapping[str, float] = field(default_factory=dict)
+    when: str | None = None
+    upstream: frozenset[str] = frozenset()
+
+    @property
+    def baseline(self) -> str:
+        """The name its baseline is kept by; a filter of the same equipment has the plain name."""
+        return f"{self.name}:rows"
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """All the engine needs to know; times in ns.
 
-    ``false_alarms_per_year`` is what the components may give, ``budget`` what they and the chillers may give together.
+    ``false_alarms_per_year`` is what the components may give, ``budget`` what they, the chillers and the equipment that
+    is watched by rows may give together; ``zone`` is where its days begin and end.
     """
 
     site: str
@@ -125,6 +154,8 @@ class Plan:
     derived: tuple[Derived, ...]
     components: tuple[Component, ...]
     chillers: tuple[Chiller, ...] = ()
+    equipment: tuple[RowEquipment, ...] = ()
+    zone: str = "UTC"
     tariffs: Mapping[str, float | str | None] = field(default_factory=dict)
     learning: int = 28 * 86400 * NANOSECONDS
     slack: float = 0.0
@@ -139,6 +170,11 @@ class Plan:
     def watched(self) -> tuple[Component | Chiller, ...]:
         """Everything that can have a baseline: components, then chillers."""
         return (*self.components, *self.chillers)
+
+    @property
+    def baseline_names(self) -> tuple[str, ...]:
+        """Names that baselines are kept by, of everything that can have one."""
+        return (*(c.name for c in self.watched), *(e.baseline for e in self.equipment))
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -161,7 +197,7 @@ class Plan:
 def plan_of(site: Site) -> Plan:
     """Resolve a checked site; gates become derived columns of 1 and 0."""
     derived = [Derived(name, expression) for name, expression in site.derived.items()]
-    components, chillers = [], []
+    components, chillers, rows = [], [], []
     for name, equipment in site.equipment.items():
         gate = site.gate(name)
         when = None
@@ -172,16 +208,24 @@ def plan_of(site: Site) -> Plan:
             config, upstream = chiller_config(site, name), frozenset(equipment.upstream)
             chillers.append(Chiller(name, config, dict(equipment.inputs), when, upstream))
             continue
+        kind = kind_of(equipment)
+        mapped = {**equipment.inputs, **equipment.outputs}
+        if kind is not None:
+            mapped = points_of(equipment, kind)
+            errors, upstream = sensor_errors(site, equipment, kind), frozenset(equipment.upstream)
+            rows.append(RowEquipment(name, kind, mapped, rows_budget(site, name), errors, when, upstream))
+            if not has_filter(equipment):
+                continue
         model = _bounded(component_model(equipment), equipment)
         components.append(
             Component(
                 name=name,
                 model=model,
-                inputs=tuple(equipment.inputs[q.symbol] for q in model.inputs),
-                outputs=tuple(equipment.outputs[q.symbol] for q in model.outputs),
+                inputs=tuple(mapped[q.symbol] for q in model.inputs),
+                outputs=tuple(mapped[q.symbol] for q in model.outputs),
                 when=when,
                 start_up=_nanoseconds(equipment.start_up),
-                weight=equipment.weight,
+                weight=equipment.weight * (1.0 if kind is None else 0.5),
                 upstream=frozenset(equipment.upstream),
                 charts=frozenset(equipment.charts.kinds),
                 exclude=frozenset(equipment.charts.exclude),
@@ -197,12 +241,14 @@ def plan_of(site: Site) -> Plan:
         slack=site.reidentify.slack if site.reidentify else 0.0,
         max_jump=_nanoseconds(site.max_jump),
         hold=_nanoseconds(site.hold),
-        false_alarms_per_year=site.false_alarms_per_year * (1 - chillers_share(site)),
+        false_alarms_per_year=site.false_alarms_per_year * (1 - chillers_share(site) - rows_share(site)),
         budget=site.false_alarms_per_year,
         points=tuple(site.measured),
         derived=tuple(derived),
         components=tuple(components),
         chillers=tuple(chillers),
+        equipment=tuple(rows),
+        zone=site.zone,
         tariffs=site.tariffs.model_dump(),
     )
 

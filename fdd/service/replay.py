@@ -130,9 +130,9 @@ def ready_engine(opened: Opened) -> Engine:
     UsageError : no component has a baseline
     """
     store = opened.store()
-    baselines = in_force(store, [c.name for c in opened.plan.watched])
+    baselines = in_force(store, opened.plan.baseline_names)
     store.close()
-    if not baselines:
+    if not baselines and not opened.plan.equipment:
         raise UsageError(
             f"{opened.site.name}: no component has a baseline; fit them to a healthy history first: fdd fit SITE DATA"
         )

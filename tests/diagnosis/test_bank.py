@@ -23,7 +23,7 @@ FORM = SteadyForm(
 )  # fmt: skip
 MODEL = EquipmentModel(
     "line", "Line", (Role("x", "1", "input"), Role("y", "K", "output")), (),
-    (EquipmentFault("shifted", "a shift", ()), EquipmentFault("steeper", "a slope", ())), FORM,
+    (EquipmentFault("shifted", "offset", "a shift", ()), EquipmentFault("steeper", "slope", "a slope", ())), FORM,
 )  # fmt: skip
 
 

@@ -205,6 +205,7 @@ STROKE = "command it from shut to open and watch the stem: it follows from stop 
 FAULTS = (
     EquipmentFault(
         HEAT_LEAK,
+        "heating valve",
         "hot water passes the closed heating valve",
         (
             SEAT,
@@ -213,11 +214,13 @@ FAULTS = (
     ),
     EquipmentFault(
         HEAT_STUCK,
+        "heating valve",
         "the heating valve does not follow its command",
         (STROKE, "look at actuator, linkage and supply voltage: whole, and the stem's position is the signal's"),
     ),
     EquipmentFault(
         HEAT_SHORT,
+        "heating coil",
         "the heating coil gives less than its valve asks for",
         (
             "read the hot water's temperature and pressure: as designed if the coil is at fault",
@@ -227,6 +230,7 @@ FAULTS = (
     ),
     EquipmentFault(
         COOL_LEAK,
+        "cooling valve",
         "chilled water passes the closed cooling valve",
         (
             SEAT,
@@ -235,11 +239,13 @@ FAULTS = (
     ),
     EquipmentFault(
         COOL_STUCK,
+        "cooling valve",
         "the cooling valve does not follow its command",
         (STROKE, "look at actuator, linkage and supply voltage: whole, and the stem's position is the signal's"),
     ),
     EquipmentFault(
         COOL_SHORT,
+        "cooling coil",
         "the cooling coil gives less than its valve asks for",
         (
             "read the chilled water's temperature and pressure: as designed if the coil is at fault",
@@ -249,6 +255,7 @@ FAULTS = (
     ),
     EquipmentFault(
         DAMPER_STUCK,
+        "outdoor air damper",
         "the outdoor air damper does not follow its command",
         (
             "watch the damper through a full stroke: the blades follow from stop to stop",
@@ -257,48 +264,56 @@ FAULTS = (
     ),
     EquipmentFault(
         DAMPER_LEAK,
+        "outdoor air damper",
         "the closed outdoor air damper lets air in",
         ("look at blades and seals with the damper shut: no gap",),
         0.5,
     ),
     EquipmentFault(
         BIAS_MIXED,
+        "mixed air sensor",
         "the mixed air sensor reads wrong by a constant",
         ("compare with return air, dampers in recirculation: within 0.5 K after ten minutes if it is right",),
         0.5,
     ),
     EquipmentFault(
         BIAS_SUPPLY,
+        "supply air sensor",
         "the supply air sensor reads wrong by a constant",
         ("compare with mixed air, valves shut and fan on, less the fan's warming: within 0.5 K if it is right",),
         0.5,
     ),
     EquipmentFault(
         BIAS_RETURN,
+        "return air sensor",
         "the return air sensor reads wrong by a constant",
         ("compare with the rooms' mean: within 1 K if the sensor is right",),
         0.3,
     ),
     EquipmentFault(
         BIAS_OUT,
+        "outdoor air sensor",
         "the outdoor air sensor reads wrong by a constant",
         ("compare with the nearest weather station in the morning: within 2 K if the sensor is right",),
         0.3,
     ),
     EquipmentFault(
         FAN_SHORT,
+        "supply fan",
         "the supply fan does not make its pressure",
         ("look at belt, filter and inlet: tight and clean", "look for open doors and leaks of the duct: none"),
         0.5,
     ),
     EquipmentFault(
         TOGETHER,
+        "control",
         "the control opens heating and cooling at the same time",
         ("read the sequence of the controller: valves follow one another unless air is being dried",),
         0.5,
     ),
     EquipmentFault(
         FLOW_METER,
+        "air flow meter",
         "the air flow meter shows a flow while the fan stands",
         ("read it with the fan off and dampers shut: zero",),
         0.3,
