@@ -51,13 +51,8 @@ class Engine:
     """One site's filters, chillers, charts and alarms; what has no baseline is left out."""
 
     def __init__(self, plan: Plan, baselines: Mapping[str, Baseline]) -> None:
-<<<<<<< HEAD
         self.plan = plan = plan.following(baselines)
-        self._baselines = {name: b for name, b in baselines.items() if name in {c.name for c in plan.watched}}
-=======
-        self.plan = plan
         self._baselines = {name: b for name, b in baselines.items() if name in plan.baseline_names}
->>>>>>> 4f69af6 (service: equipment is watched by rows from its first day)
         self._framer = Framer(plan.points, plan.step, plan.lateness, plan.max_jump)
         self._groups = _group(plan, baselines)
         self._charts = Charts(plan, self._groups)

@@ -20,13 +20,9 @@ from fdd.config.equipment_rows import has_filter, kind_of, points_of, rows_budge
 from fdd.expressions import Expression
 from fdd.greybox.scale import Prior
 from fdd.models.declare import ComponentModel, Parameter
-<<<<<<< HEAD
+from fdd.models.expectation import EquipmentModel
 from fdd.models.structures import Structure, structures
 from fdd.records import NANOSECONDS, Baseline, FloatArray
-=======
-from fdd.models.expectation import EquipmentModel
-from fdd.records import NANOSECONDS, FloatArray
->>>>>>> 4f69af6 (service: equipment is watched by rows from its first day)
 
 
 @dataclass(frozen=True, slots=True)
