@@ -24,11 +24,11 @@ from fdd.plant.air_plant import AIR_POINTS, AIR_STEP, AIR_TRUTH, air_handler_mod
 from fdd.plant.faults import DAY, PlantFault
 from fdd.plant.scenario import Plant, Scenario, points, simulate
 from fdd.records import NANOSECONDS, Alarm, Baseline
-from fdd.service.alarms import PLANT, kind_of
-from fdd.service.engine import Engine
-from fdd.service.history import History
-from fdd.service.identify import identify
-from fdd.service.plan import Component, Plan
+from fdd.service.alarms.book import PLANT, kind_of
+from fdd.service.baselines.history import History
+from fdd.service.baselines.identify import identify
+from fdd.service.engine.engine import Engine
+from fdd.service.site.plan import Component, Plan
 
 AIR = Plant(air_plant, air_outside)
 START = "2024-04-22"

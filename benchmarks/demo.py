@@ -22,9 +22,9 @@ from benchmarks.common import arguments, context, figure, report
 from fdd.plant.faults import DAY
 from fdd.records import NANOSECONDS, AlarmState
 from fdd.residual_monitors.budget import YEAR, realised
-from fdd.service.baselines import in_force
-from fdd.service.demo import FAULTS, prepare, scenario_of
-from fdd.service.engine import Engine
+from fdd.service.baselines.versions import in_force
+from fdd.service.engine.engine import Engine
+from fdd.service.verbs.demo import FAULTS, prepare, scenario_of
 
 WEEKS = 4
 
@@ -46,8 +46,8 @@ def one(fault: str, seed: int) -> Outcome:
     scenario, planted = scenario_of(fault, seed, WEEKS)
     with TemporaryDirectory() as folder:
         prepared = prepare(scenario, Path(folder))
-        store = prepared.opened.store()
-        plan = prepared.opened.plan
+        store = prepared.context.store()
+        plan = prepared.context.plan
         engine = Engine(plan, in_force(store, [c.name for c in plan.components]))
         store.close()
     began = time.perf_counter()

@@ -28,14 +28,14 @@ from fdd.plant.scenario import Scenario, pieces
 from fdd.records import NANOSECONDS, Baseline, FloatArray, IntArray
 from fdd.residual_monitors.budget import YEAR
 from fdd.residual_monitors.chart import Phase, Verdicts
-from fdd.service.chart_family import Family
-from fdd.service.explain import explained_by
-from fdd.service.filters import FilterGroup, GroupStep
-from fdd.service.health_charts import KINDS, HealthCharts, window_of
-from fdd.service.history import History
-from fdd.service.innovation_charts import InnovationCharts
-from fdd.service.plan import Component, Plan
-from fdd.service.score_charts import ScoreCharts
+from fdd.service.baselines.history import History
+from fdd.service.filtering.filters import FilterGroup, GroupStep
+from fdd.service.monitoring.chart_family import Family
+from fdd.service.monitoring.health_charts import KINDS, HealthCharts, window_of
+from fdd.service.monitoring.innovation_charts import InnovationCharts
+from fdd.service.monitoring.score_charts import ScoreCharts
+from fdd.service.site.plan import Component, Plan
+from fdd.service.verbs.explain import explained_by
 
 DAY = 86400.0
 STEP = 300.0

@@ -24,7 +24,7 @@ from benchmarks.detection_theory import (
 from fdd.greybox.scale import to_scale
 from fdd.plant.district import TRUTH, models
 from fdd.records import FloatArray
-from fdd.service.health_charts import KINDS
+from fdd.service.monitoring.health_charts import KINDS
 
 SURE = 3.0
 """A change of fewer standard errors over the whole watch is one that no chart can see."""

@@ -22,7 +22,7 @@ from benchmarks.signatures import Signature, numbered, signature, write
 from fdd.diagnosis.departure import Departure
 from fdd.diagnosis.ranking import diagnose
 from fdd.plant.district import EQUIPMENT, models
-from fdd.service.alarms import PLANT, kind_of
+from fdd.service.alarms.book import PLANT, kind_of
 
 FILE = "signatures.yaml"
 TRAINING, FITTED = (1, 2), 900

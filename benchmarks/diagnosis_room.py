@@ -27,11 +27,11 @@ from benchmarks.signatures import Signature, signature, write
 from fdd.diagnosis.departure import Departure
 from fdd.models.zone import zone
 from fdd.records import NANOSECONDS, Alarm, Baseline, FloatArray
-from fdd.service.alarms import PLANT, kind_of
-from fdd.service.engine import Engine
-from fdd.service.history import History
-from fdd.service.identify import identify
-from fdd.service.plan import Component, Plan
+from fdd.service.alarms.book import PLANT, kind_of
+from fdd.service.baselines.history import History
+from fdd.service.baselines.identify import identify
+from fdd.service.engine.engine import Engine
+from fdd.service.site.plan import Component, Plan
 
 FILE = "signatures-zone.yaml"
 STEP, DAY = 300, 86400
@@ -79,9 +79,9 @@ class Case:
 CASES = (
     Case("open-window", "", "component", 0.3, "share"),
     Case("heater", "", "component", 0.2, "share"),
-    *(Case("bias", "T_in", "sensor", s, "K") for s in (0.5, -0.5)),
+    *(Case("bias", "T_room", "sensor", s, "K") for s in (0.5, -0.5)),
     *(Case("upstream-T_out", "T_out", "upstream", s, "K") for s in (2.0, -2.0)),
-    Case("stuck", "T_in", "sensor", 1.0, "frozen"),
+    Case("stuck", "T_room", "sensor", 1.0, "frozen"),
 )
 
 

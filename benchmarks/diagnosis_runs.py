@@ -22,10 +22,10 @@ from fdd.plant.faults import PlantFault
 from fdd.plant.scenario import Factor, Scenario, pieces, points
 from fdd.plant.site import demo_site
 from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, FloatArray
-from fdd.service.engine import Engine
-from fdd.service.history import History
-from fdd.service.identify import identify
-from fdd.service.plan import Plan, plan_of
+from fdd.service.baselines.history import History
+from fdd.service.baselines.identify import identify
+from fdd.service.engine.engine import Engine
+from fdd.service.site.plan import Plan, plan_of
 
 DAY = 86400.0
 DAYS, ONSET = 7.0, 2.5

@@ -12,8 +12,8 @@ import numpy as np
 
 from fdd.models.zone import zone
 from fdd.records import NANOSECONDS, FloatArray
-from fdd.service.history import History
-from fdd.service.plan import Component, Plan
+from fdd.service.baselines.history import History
+from fdd.service.site.plan import Component, Plan
 
 STEP = 900
 DAY = 86400

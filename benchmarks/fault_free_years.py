@@ -29,7 +29,7 @@ from benchmarks.common import context, figure, report
 from benchmarks.whole_engine import Fleet
 from fdd.records import NANOSECONDS, Baseline
 from fdd.residual_monitors.budget import YEAR, poisson_interval
-from fdd.service.engine import Engine
+from fdd.service.engine.engine import Engine
 
 Record = dict[str, Any]
 DAYS = 364.0

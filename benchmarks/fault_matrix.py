@@ -100,8 +100,8 @@ FAULTS: dict[str, tuple[Fault, ...]] = {
     "zone": (
         Fault("open-window", "30 % less resistance", factors={"R_ea": 0.7}),
         _share("heater", "P_heat", 1.15),
-        _bias("bias", "T_in", 0.5),
-        Fault("stuck", "from the middle on", point="T_in", reading=_frozen),
+        _bias("bias", "T_room", 0.5),
+        Fault("stuck", "from the middle on", point="T_room", reading=_frozen),
     ),
     "pipe_hydraulic": (
         Fault("blocked", "three times the minor losses", factors={"psi": 3.0}),

@@ -19,11 +19,11 @@ import numpy as np
 
 from fdd.config import Equipment, Point, Site
 from fdd.records import NANOSECONDS, Baseline, Batch, Quality
-from fdd.service.checkpoint import Checkpoint
-from fdd.service.daemon import Daemon, resident_bytes
-from fdd.service.engine import Engine
-from fdd.service.feed import Feed
-from fdd.service.plan import plan_of
+from fdd.service.daemon.checkpoint import Checkpoint
+from fdd.service.daemon.daemon import Daemon, resident_bytes
+from fdd.service.engine.engine import Engine
+from fdd.service.site.feed import Feed
+from fdd.service.site.plan import plan_of
 from fdd.store.store import Store
 from ingest.zenoh.options import ZenohOptions
 from ingest.zenoh.publisher import ZenohPublisher
@@ -55,7 +55,7 @@ def site_of(components: int, endpoint: str) -> Site:
                 model="zone",
                 options={"nodes": "Ti"},
                 inputs={"T_out": f"{n}.out", "I_solar": f"{n}.sun", "P_heat": f"{n}.heat"},
-                outputs={"T_in": f"{n}.T"},
+                outputs={"T_room": f"{n}.T"},
             )
             for n in names
         },
@@ -148,7 +148,7 @@ def measure(
 
 
 def _known(name: str) -> Baseline:
-    innovation = {"T_in": {"mean": 0.0, "sd": 1.0, "lag1": 0.0, "samples": 1}}
+    innovation = {"T_room": {"mean": 0.0, "sd": 1.0, "lag1": 0.0, "samples": 1}}
     return Baseline(name, 1, "zone", "1", {"nodes": "Ti"}, PARAMETERS, {}, [], 0, 0, 0, 0.0, innovation)
 
 

@@ -34,12 +34,12 @@ WHOLE, QUICK = (5.0, 15), (1.0, 3)
 Ring = Callable[[FloatArray, FloatArray], list[int]]
 
 
-def ours(design: Callable[[float], Cusum | Glr], false_alarms_a_year: float = 1.0, whiten: bool = True) -> Ring:
+def ours(design: Callable[[float], Cusum | Glr], false_alarms_per_year: float = 1.0, whiten: bool = True) -> Ring:
     """One of our charts, pre-whitened on the baseline, cleared by an operator as soon as it rings."""
 
     def ring(baseline: FloatArray, series: FloatArray) -> list[int]:
         white = Whitener.fit(baseline[:, None], order=1 if whiten else 0)
-        chart = design(YEAR / false_alarms_a_year)
+        chart = design(YEAR / false_alarms_per_year)
         rings = []
         for t, value in enumerate(series):
             if chart.update(white.update(np.array([value]))).phase[0] == Phase.ALARM:

@@ -16,20 +16,20 @@ from benchmarks.drifting_room import DAY, POINTS, START, STEP, Course, plan, sim
 from fdd.config.schema import Reidentify
 from fdd.diagnosis.gates import Outcome, Policy
 from fdd.records import NANOSECONDS, Alarm, Baseline, Batch
-from fdd.service.alarms import PLANT, alarm_to_document, kind_of
-from fdd.service.candidate import Candidate, consider
-from fdd.service.engine import Engine
-from fdd.service.history import History
-from fdd.service.identify import identify
-from fdd.service.plan import Plan
-from fdd.service.window import avoided, without
+from fdd.service.alarms.book import PLANT, alarm_to_document, kind_of
+from fdd.service.baselines.candidate import Candidate, consider
+from fdd.service.baselines.history import History
+from fdd.service.baselines.identify import identify
+from fdd.service.baselines.window import avoided, without
+from fdd.service.engine.engine import Engine
+from fdd.service.site.plan import Plan
 
 LEARNING, EVERY, SPAN = 21, 7, 28
 FRAMES_A_DAY = DAY // STEP
 # Of the fault's change: what a baseline in force may have taken up of it and still not have learned it.
 LEARNED = 0.25
 # A room by itself: where baselines are fitted. Charts leave to re-identification what they do by default.
-ONE = replace(plan(), slack=float(Reidentify.model_fields["slack"].default))
+ONE = replace(plan(), deadband=float(Reidentify.model_fields["deadband"].default))
 
 
 @dataclass(frozen=True)

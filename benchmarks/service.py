@@ -21,8 +21,9 @@ from benchmarks.common import arguments, context, figure, report
 from benchmarks.drifting_room import Course
 from benchmarks.load import measure
 from benchmarks.plant_years import Case, gates_alone, live
-from fdd.service.pool import Failure, side_by_side
-from fdd.store.store import Store, StoreConfig, open_store
+from fdd.service.baselines.pool import Failure, side_by_side
+from fdd.store.opening import open_store
+from fdd.store.store import Store, StoreConfig
 
 COMPONENTS, POINTS_A_SECOND = 2_000, 10_000
 LATENCY_MS, DRAIN_SECONDS, GROWTH_MB = 250.0, 2.0, 50.0

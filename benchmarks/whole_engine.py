@@ -25,19 +25,19 @@ from fdd.plant.scenario import Scenario, pieces
 from fdd.plant.site import demo_site
 from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, FloatArray, IntArray
 from fdd.residual_monitors.budget import YEAR
-from fdd.service.alarms import Command
-from fdd.service.engine import Engine
-from fdd.service.filters import FilterGroup, GroupStep
-from fdd.service.granted import granted
-from fdd.service.health_charts import KINDS
-from fdd.service.health_charts import SHARE as HEALTH_SHARE
-from fdd.service.history import History
-from fdd.service.identify import identify, innovation_statistics, score_diagnostics
-from fdd.service.opened import open_site
-from fdd.service.plan import Component, Plan
-from fdd.service.still_charts import SHARE as STILL_SHARE
-from fdd.service.still_charts import charted as still_charted
-from fdd.service.still_charts import used as still_used
+from fdd.service.alarms.book import Command
+from fdd.service.baselines.history import History
+from fdd.service.baselines.identify import identify, innovation_statistics, score_diagnostics
+from fdd.service.engine.engine import Engine
+from fdd.service.filtering.filters import FilterGroup, GroupStep
+from fdd.service.monitoring.baseline_uncertainty import baseline_covariance
+from fdd.service.monitoring.flatline_charts import SHARE as FLATLINE_SHARE
+from fdd.service.monitoring.flatline_charts import charted as flatline_charted
+from fdd.service.monitoring.flatline_charts import used as flatline_used
+from fdd.service.monitoring.health_charts import KINDS
+from fdd.service.monitoring.health_charts import SHARE as HEALTH_SHARE
+from fdd.service.site.plan import Component, Plan
+from fdd.service.site.site_context import open_site
 
 LEARNING = 28.0  # days
 SAMPLES_A_DAY = 288
@@ -168,7 +168,7 @@ def _learned(group: FilterGroup, steps: Sequence[GroupStep]) -> FilterGroup:
     information = np.array([s.information[:, at[:, None], at] for s in steps])
     score = np.where(charted[:, :, None], score, 0.0).sum(axis=0)
     information = np.where(charted[:, :, None, None], information, 0.0).sum(axis=0)
-    error = np.stack([granted(group, b) for b in group.baselines])
+    error = np.stack([baseline_covariance(group, b) for b in group.baselines])
     by = np.zeros((len(score), len(group.model.parameters)))
     # (P^-1 + I)^-1 s without the inverse of P.
     by[:, at] = np.linalg.solve(np.eye(len(at)) + error @ information, (error @ score[:, :, None]))[:, :, 0]
@@ -242,15 +242,15 @@ def promises(fleet: Fleet, table: Sequence[dict[str, Baseline]], budget: float) 
     readings cannot use goes to the others.
     """
     n = len(fleet.plan.components)
-    shares = {"cusum": 0.0, "score": 0.0, "still": 0.0, **dict.fromkeys(KINDS, HEALTH_SHARE / len(KINDS))}
+    shares = {"cusum": 0.0, "score": 0.0, "flatline": 0.0, **dict.fromkeys(KINDS, HEALTH_SHARE / len(KINDS))}
     for c in fleet.plan.components:
         physical = sum(p.kind == "physical" for p in c.model.parameters)
-        frames = YEAR * NANOSECONDS / fleet.plan.step * n / (STILL_SHARE * budget) * len(still_charted(c))
+        frames = YEAR * NANOSECONDS / fleet.plan.step * n / (FLATLINE_SHARE * budget) * len(flatline_charted(c))
         for own in (baselines[c.name] for baselines in table):
-            still = STILL_SHARE * still_used(c, own, frames)
+            still = FLATLINE_SHARE * flatline_used(c, own, frames)
             plain = 1.0 - HEALTH_SHARE - still
-            cusum = plain * len(c.outputs) / (physical * own.diagnostics["score_together"] + len(c.outputs))
-            for kind, share in (("cusum", cusum), ("score", plain - cusum), ("still", still)):
+            cusum = plain * len(c.outputs) / (physical * own.diagnostics["effective_share"] + len(c.outputs))
+            for kind, share in (("cusum", cusum), ("score", plain - cusum), ("flatline", still)):
                 shares[kind] += share / (n * len(table))
     return shares
 

@@ -60,7 +60,7 @@ def demo(
     as_json: AsJson = False,
 ) -> None:
     """Simulate a plant with a fault, stream it over Zenoh into the daemon, raise the alarm, write the report."""
-    from fdd.service.demo import run_demo
+    from fdd.service.verbs.demo import run_demo
 
     result = run_demo(fault=fault, seed=seed, weeks=weeks, folder=folder, console=screen, store_kind=store_kind)
     if as_json:
@@ -83,7 +83,7 @@ def init(
 ) -> None:
     """Draft a site file from an export: times, units, quantities and roles, and how sure each guess is."""
     from fdd.onboarding.init import start
-    from fdd.service.errors import UsageError
+    from fdd.service.site.errors import UsageError
 
     if out_file.exists() and not force:
         raise UsageError(f"{out_file} is there already; name another with --out, or write over it with --force")
@@ -104,7 +104,7 @@ def _ask(question: str, guessed: str, others: Sequence[str]) -> str:
 @app.command(epilog=example("fdd check plant.yaml", "fdd check plant.yaml history.csv"))
 def check(site_file: SiteFile, data: DataFile = None, as_json: AsJson = False) -> None:
     """Check a site file, and the quality of data where a file is given, without network."""
-    from fdd.service.check import check_all
+    from fdd.service.verbs.check import check_all
 
     result = check_all(site_file, data)
     if as_json:
@@ -126,7 +126,7 @@ def fit(
     as_json: AsJson = False,
 ) -> None:
     """Fit baselines by maximum likelihood to a healthy history, and put them in force."""
-    from fdd.service.fitting import fit_site
+    from fdd.service.baselines.fitting import fit_site
 
     fitted = fit_site(site_file, data, since=since, until=until, only=only, html=html, starts=starts, console=screen)
     if as_json:
@@ -151,7 +151,7 @@ def chiller(
     as_json: AsJson = False,
 ) -> None:
     """Study a site's chillers: points kept, estimates side by side with intervals, charts, and a verdict."""
-    from fdd.service.chiller_study import study_site
+    from fdd.service.verbs.chiller_study import study_site
 
     studies = study_site(site_file, data, since=since, until=until, only=only, html=html, console=screen)
     if as_json:
@@ -171,7 +171,7 @@ def replay(
     as_json: AsJson = False,
 ) -> None:
     """Run the engine over history, exactly as the daemon would have; print the alarms."""
-    from fdd.service.replay import replay_site
+    from fdd.service.verbs.replay import replay_site
 
     result = replay_site(site_file, data, since=since, until=until, verdicts=verdicts, console=screen)
     if as_json:
@@ -202,7 +202,7 @@ def audit(
     Every alarm is cleared after a day, so that one that stands hides no others. Alarms on a record with faults are not
     false: give it one that is known to be healthy.
     """
-    from fdd.service.audit import audit_site
+    from fdd.service.verbs.audit import audit_site
 
     found, opened = audit_site(site_file, data, fit_until=fit_until, since=since, until=until, console=screen)
     if as_json:
@@ -218,7 +218,7 @@ def run(
     fresh: Annotated[bool, typer.Option(help="Forget the saved state and start afresh.")] = False,
 ) -> None:
     """Run the daemon: take samples from the site's sources until told to stop (Ctrl-C, SIGTERM)."""
-    from fdd.service.run import run_site
+    from fdd.service.daemon.run import run_site
 
     run_site(site_file, until_end=until_end, fresh=fresh)
 
@@ -239,7 +239,7 @@ def alarms_list(
     as_json: AsJson = False,
 ) -> None:
     """List open alarms, newest last."""
-    from fdd.service.operate import read_alarms
+    from fdd.service.verbs.operate import read_alarms
 
     found = read_alarms(site_file, every=every)
     if as_json:
@@ -257,7 +257,7 @@ def alarms_list(
 @alarms.command("ack", epilog=example('fdd alarms ack plant.yaml hx@2026-03-01T10:00:00Z --comment "on my way"'))
 def alarms_ack(site_file: SiteFile, key: Key, comment: Comment = "", by: By = USER) -> None:
     """Acknowledge an alarm: somebody has seen it."""
-    from fdd.service.operate import command
+    from fdd.service.verbs.operate import command
 
     out.print(command(site_file, key, "acknowledge", by, comment))
 
@@ -271,7 +271,7 @@ def alarms_shelve(
     by: By = USER,
 ) -> None:
     """Hide an alarm for a time that has an end."""
-    from fdd.service.operate import command
+    from fdd.service.verbs.operate import command
 
     out.print(command(site_file, key, "shelve", by, comment, span=span))
 
@@ -281,7 +281,7 @@ def alarms_shelve(
 )
 def alarms_clear(site_file: SiteFile, key: Key, comment: Comment = "", by: By = USER) -> None:
     """Close an alarm; its charts start again, so a fault that is still there rings again."""
-    from fdd.service.operate import command
+    from fdd.service.verbs.operate import command
 
     out.print(command(site_file, key, "clear", by, comment))
 
@@ -298,7 +298,7 @@ def score(
     as_json: AsJson = False,
 ) -> None:
     """Score the alarms against known faults: right and wrong, found and missed, how soon, rightly named."""
-    from fdd.service.scoring import score_site
+    from fdd.service.verbs.scoring import score_site
     from fdd.units import seconds
 
     found = score_site(site_file, data, labels, settle=seconds(settle), console=screen)
@@ -332,7 +332,7 @@ def charts_design(
     """Limits for a promised rate of false alarms, and how soon a shift is then found."""
     from fdd.residual_monitors.design import design_plot, duration, quantile_table
     from fdd.residual_monitors.run_length import Kind
-    from fdd.service.chart_design import designs, document, write_design_page
+    from fdd.service.verbs.chart_design import designs, document, write_design_page
     from fdd.units import seconds
 
     every = [seconds(text) for text in interval or ["5 min"]]
@@ -349,7 +349,7 @@ def charts_design(
     for d in found:
         head, rows = quantile_table(d)
         title = (
-            f"{d.name}, every {duration(d.interval)}, {d.false_alarms_a_year:g} false alarms a year: time to an alarm"
+            f"{d.name}, every {duration(d.interval)}, {d.false_alarms_per_year:g} false alarms a year: time to an alarm"
         )
         table = Table(*head, title=title, title_justify="left", box=None)
         for row in rows:
@@ -363,8 +363,8 @@ def charts_design(
 @app.command(epilog=example("fdd explain plant.yaml hx@2026-03-01T10:00:00Z"))
 def explain(site_file: SiteFile, key: Key, as_json: AsJson = False) -> None:
     """Show the evidence behind one alarm."""
-    from fdd.service.explain import explain as explained
-    from fdd.service.explain import story
+    from fdd.service.verbs.explain import explain as explained
+    from fdd.service.verbs.explain import story
 
     alarm = explained(site_file, key)
     if as_json:
@@ -390,8 +390,8 @@ def report(
     until: Until = None,
 ) -> None:
     """Write the technician's report from what the store holds."""
-    from fdd.service.errors import UsageError
-    from fdd.service.reporting import PERIODS, report_site
+    from fdd.service.site.errors import UsageError
+    from fdd.service.verbs.reporting import PERIODS, report_site
 
     if period not in PERIODS:
         raise UsageError(f"--period is {period!r}; give weekly or monthly")
@@ -419,7 +419,7 @@ def reidentify(
     as_json: AsJson = False,
 ) -> None:
     """Fit baselines anew from the store; put in force what passes every gate, and never learn a fault."""
-    from fdd.service.reidentify import reidentify_site
+    from fdd.service.baselines.reidentify import reidentify_site
 
     found = reidentify_site(site_file, only=only, until=until, days=days, propose_only=propose, console=screen)
     if as_json:
@@ -439,7 +439,7 @@ def baselines(
     as_json: AsJson = False,
 ) -> None:
     """List the baselines that were kept; roll back to one, or approve one."""
-    from fdd.service.versions import change_baseline, list_baselines
+    from fdd.service.baselines.revisions import change_baseline, list_baselines
 
     if rollback or approve:
         said = change_baseline(site_file, rollback=rollback, approved=approve, by=by)
@@ -468,7 +468,7 @@ def experiment(
     count: Annotated[int, typer.Option(help="Candidate designs to compare.", min=1)] = 12,
 ) -> None:
     """Propose an experiment: a pseudo-random schedule that makes the parameters most visible."""
-    from fdd.service.experiments import propose
+    from fdd.service.verbs.experiments import propose
 
     found = propose(site_file, equipment, move, days=days, dwell=dwell, out=out_file, count=count, console=screen)
     out.print(found.story(), highlight=False, markup=False, soft_wrap=True)
@@ -483,7 +483,7 @@ def store_migrate(
     site_file: SiteFile, target: Annotated[Path, typer.Argument(help="Site file whose store is written to.")]
 ) -> None:
     """Copy everything to the store that another site file names; an interrupted copy is started again."""
-    from fdd.service.storage import migrate_site
+    from fdd.service.verbs.storage import migrate_site
 
     out.print(migrate_site(site_file, target, screen), soft_wrap=True)
 
@@ -496,7 +496,7 @@ def store_export(
     until: Until = None,
 ) -> None:
     """Write Parquet for analysis: a file for each measurement, and JSON for each kind of document."""
-    from fdd.service.storage import export_site
+    from fdd.service.verbs.storage import export_site
 
     for path in export_site(site_file, folder, screen, since=since, until=until):
         out.print(str(path), soft_wrap=True)
@@ -505,7 +505,7 @@ def store_export(
 @app.command(epilog=example("fdd status plant.yaml", "fdd status plant.yaml --json"))
 def status(site_file: SiteFile, as_json: AsJson = False) -> None:
     """Say how the service stands: samples, lag, charts, baselines, jobs, open alarms."""
-    from fdd.service.status import print_status, read_status
+    from fdd.service.verbs.status import print_status, read_status
 
     found = read_status(site_file)
     if as_json:
@@ -521,7 +521,7 @@ def models(
     as_json: AsJson = False,
 ) -> None:
     """List the component models, or show one."""
-    from fdd.service.catalogue import catalogue, describe
+    from fdd.service.verbs.catalogue import catalogue, describe
 
     if name is None:
         rows = catalogue()

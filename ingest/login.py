@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import Field, model_validator
 
-from fdd.config.base import SourceOptions, refusal
+from fdd.tables import SourceOptions, refusal
 from ingest.source import Refused
 
 

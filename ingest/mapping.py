@@ -18,13 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fdd.config.base import SourceOptions
-from fdd.config.schema import Point, Site
 from fdd.records import Batch, FloatArray, Quality
+from fdd.units import Conversion
 
 REASONS = ("no value", "missing value", "out of range", "bad quality", "unknown point")
 _NAMES_KEPT = 1000
@@ -44,10 +44,30 @@ class _Columns:
     ranged: bool
 
 
+class MappedPoint(Protocol):
+    """What mapping asks of a point; ``range`` and ``missing`` are in the source's unit."""
+
+    @property
+    def column(self) -> str:
+        """What the source calls it; empty where that is the point's own name."""
+
+    @property
+    def range(self) -> tuple[float, float] | None:
+        """Values outside are rejected."""
+
+    @property
+    def missing(self) -> tuple[float, ...]:
+        """Numbers that mean that there is no value."""
+
+    @property
+    def conversion(self) -> Conversion:
+        """From the source's unit to SI."""
+
+
 class PointMap:
     """Maps one source's batches; keeps the counters."""
 
-    def __init__(self, points: Mapping[str, Point]) -> None:
+    def __init__(self, points: Mapping[str, MappedPoint]) -> None:
         """``points``: point name to its table of the site file, those of this source."""
         self.names = tuple(points)
         self._points = list(points.values())
@@ -55,11 +75,6 @@ class PointMap:
         self._cache: dict[tuple[str, ...], _Columns] = {}
         self._counts: dict[str, dict[str, int]] = {reason: {} for reason in REASONS}
         self.samples = 0
-
-    @classmethod
-    def of(cls, site: Site, source: SourceOptions) -> PointMap:
-        """The map of one of a site's sources."""
-        return cls(site.points_of(source))
 
     @property
     def columns(self) -> tuple[str, ...]:

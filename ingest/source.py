@@ -15,8 +15,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
-from fdd.config.base import SourceOptions
 from fdd.records import Batch, JsonObject
+from fdd.tables import SourceOptions
 
 
 class NotReady(RuntimeError):  # noqa: N818 - a state of the world, not a mistake

@@ -29,7 +29,7 @@ from fdd.config import (
     with_data,
 )
 from fdd.config.chiller import chiller_config
-from fdd.service.plan import plan_of
+from fdd.service.site.plan import plan_of
 from ingest.csv import CsvOptions
 from ingest.source import kinds, options_type, register
 from ingest.zenoh import OperatorOptions

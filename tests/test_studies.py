@@ -15,10 +15,10 @@ import pytest
 import yaml
 
 from fdd.greybox.validate import cumulated_periodogram, kolmogorov_band
-from fdd.service.baselines import in_force
-from fdd.service.fitting import read_span
-from fdd.service.identify import healthy_steps
-from fdd.service.opened import open_site
+from fdd.service.baselines.fitting import read_span
+from fdd.service.baselines.identify import healthy_steps
+from fdd.service.baselines.versions import in_force
+from fdd.service.site.site_context import open_site
 
 ROOT = Path(__file__).resolve().parents[1]
 SPLIT = "2009-02-09"
@@ -84,12 +84,12 @@ def test_fit_converges_near_what_other_programs_find(house: House) -> None:
 
 
 def test_innovations_are_white_at_lag_one_and_nearly_so_at_all_frequencies(house: House) -> None:
-    opened = open_site(house.site, house.data)
-    store = opened.store(read_only=True)
+    context = open_site(house.site, house.data)
+    store = context.store(read_only=True)
     baseline = in_force(store, ["house"])["house"]
     store.close()
-    history = read_span(opened, None, SPLIT)
-    steps = healthy_steps(opened.plan, opened.plan.components[0], baseline, history)
+    history = read_span(context, None, SPLIT)
+    steps = healthy_steps(context.plan, context.plan.components[0], baseline, history)
     z = np.array([s.standardised[0, 0] for s in steps])
     z = z[np.isfinite(z)]
     assert len(z) > 800
@@ -104,7 +104,7 @@ def test_healthy_alarms_come_in_strong_sun_only(house: House) -> None:
     assert len(alarms) <= 1
     sun = house.frame().set_index("TimeDate")["Ps"] * 1e3
     for alarm in alarms:
-        assert list(alarm["evidence"]["charts"]) == ["house/T_in:cusum"]
+        assert list(alarm["evidence"]["charts"]) == ["house/T_room:cusum"]
         assert alarm["state"] == "returned to normal"
         at = _raised(alarm)
         assert sun[at - pd.Timedelta("20min") : at].min() > STRONG_SUN
@@ -120,7 +120,7 @@ def test_sensor_fault_is_alarmed(house: House, stuck: bool, bias: float, within:
     faulty = house.with_sensor(onset.isoformat(), stuck, bias)
     (alarm,) = house.fdd("replay", faulty, "--from", SPLIT)["alarms"]
     assert onset <= _raised(alarm) <= onset + pd.Timedelta(within)
-    first = alarm["evidence"]["charts"]["house/T_in:still" if stuck else "house/T_in:cusum"]
+    first = alarm["evidence"]["charts"]["house/T_room:flatline" if stuck else "house/T_room:cusum"]
     assert first["raised"] == alarm["raised"]
     if not stuck:
         assert first["direction"] == np.sign(bias)

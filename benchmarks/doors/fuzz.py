@@ -199,9 +199,6 @@ equipment:
   room: {model: zone_1r1c, when: "T > 5 [degC]", inputs: {a: T}}
 """,
 )
-_HAYSTACK = (
-    b'{"meta":{"ver":"3.0"},"rows":[{"id":"r:a T","dis":"s:T","point":"m:","unit":"s:\xc2\xb0C","kind":"s:Number"}]}'
-)
 _CSV = (
     b"time,T,flow,on\n2026-01-01 00:00,21.5,0.4,on\n2026-01-01 00:05,21.6,,off\n2026-01-01 00:10,21.7,0.5,true\n",
     b'time;T;flow;on\n2026-02-01 00:00;"21,5";0,4;1\n2026-02-02 00:05;21,6;;0\n',
@@ -249,7 +246,6 @@ def targets() -> list[Target]:
     from fdd.config.load import parse_site
     from fdd.expressions import ExpressionError, compile_expression
     from fdd.units import UnitError, conversion, density, seconds
-    from ingest.haystack import ExportError, draft_site
     from ingest.history import History, read_answer
     from ingest.message import MalformedMessage, decode
     from ingest.mqtt.payload import bare_value, json_object
@@ -284,7 +280,6 @@ def targets() -> list[Target]:
         Target("fluid", text(density), _FLUIDS, (UnitError,)),
         Target("expression", text(lambda t: compile_expression(t, _POINT_UNITS)), _EXPRESSIONS, (ExpressionError,)),
         Target("site file", text(parse_site), _SITE, (ConfigError,)),
-        Target("haystack", text(lambda t: draft_site(t, name="s")), (_HAYSTACK,), (ExportError,)),
         Target("csv", _file_reader("csv", "a.csv"), _CSV, (Refused,)),
         Target("csv.gz", _file_reader("csv", "a.csv.gz"), tuple(gzip.compress(c) for c in _CSV), (Refused,)),
         Target("xlsx", _file_reader("excel", "a.xlsx"), (_workbook(),), (Refused,)),

@@ -30,10 +30,10 @@ from scipy.stats import kurtosis
 from fdd.greybox.likelihood import Data
 from fdd.greybox.validate import autocorrelation, cumulated_periodogram, kolmogorov_band
 from fdd.records import NANOSECONDS, Alarm, FloatArray
-from fdd.service.fitting import Fitted, fit_site, read_span
-from fdd.service.identify import healthy_steps
-from fdd.service.opened import open_site
-from fdd.service.replay import ReplayResult, replay_site
+from fdd.service.baselines.fitting import Fitted, fit_site, read_span
+from fdd.service.baselines.identify import healthy_steps
+from fdd.service.site.site_context import open_site
+from fdd.service.verbs.replay import ReplayResult, replay_site
 
 HERE = Path(__file__).resolve().parent
 PAGE, SITE = HERE / "real-building.md", HERE / "real-building.yaml"
@@ -174,7 +174,7 @@ def model_table(fits: dict[str, Fitted]) -> str:
         "|---|---|---|---|---|---|---|---|",
     ]
     for nodes, f in fits.items():
-        r, s = f.result, f.baseline.innovation["T_in"]
+        r, s = f.result, f.baseline.innovation["T_room"]
         error = _rms_mk(r.paths()[0].innovation[1:, 0])
         left = [f"{', '.join(r.at_bound)} at its bound"] if r.at_bound else []
         left += [f"{', '.join(r.unidentifiable)} not identified"] if r.unidentifiable else []
@@ -431,9 +431,9 @@ def _save(figure: Figure, name: str) -> None:
 # The page
 def frames_of(study: Study, fitted: Fitted) -> pd.DataFrame:
     """Every frame: measured, predicted, standardised innovation, and a simulation that never sees the second part."""
-    opened = open_site(study.folder / "TiTeTh.yaml", MEASURED)
-    history = read_span(opened, None, None)
-    steps = healthy_steps(opened.plan, opened.plan.components[0], fitted.baseline, history)
+    context = open_site(study.folder / "TiTeTh.yaml", MEASURED)
+    history = read_span(context, None, None)
+    steps = healthy_steps(context.plan, context.plan.components[0], fitted.baseline, history)
     frames = pd.DataFrame(history.values, columns=list(history.columns))
     frames.index = pd.DatetimeIndex(_local(pd.to_datetime(history.time, utc=True)))
     frames["predicted"] = [s.predicted[0, 0] for s in steps]

@@ -60,7 +60,7 @@ def periodograms(validations: Mapping[str, Validation]) -> Figure:
     figure = Figure(figsize=(9, 3), layout="constrained")
     axes = figure.subplots(1, len(validations), sharey=True)
     for a, (name, v) in zip(axes, validations.items(), strict=True):
-        curve = v.curves["T_in"]
+        curve = v.curves["T_room"]
         a.plot(curve["frequency"], curve["cumulated"])
         for band in (-curve["ks"], curve["ks"]):
             a.plot(curve["frequency"], 2 * curve["frequency"] + band, color="C3", lw=0.7, ls="--")

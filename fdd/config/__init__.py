@@ -4,7 +4,6 @@
 on to what needs the component models. ``docs/site-file.md`` is the reference of every key.
 """
 
-from fdd.config.base import ConfigError, SourceOptions, Strict
 from fdd.config.check import Finding, check_site, component_model
 from fdd.config.load import load_site, parse_site, with_data
 from fdd.config.schema import (
@@ -19,6 +18,7 @@ from fdd.config.schema import (
     SqliteStore,
     Tariffs,
 )
+from fdd.tables import ConfigError, SourceOptions, Strict
 
 __all__ = [
     "Charts",

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from fdd.config.base import suggestion
 from fdd.config.equipment_rows import has_filter, kind_of, missing_roles
 from fdd.config.schema import CHILLER, Equipment, Site
 from fdd.models.declare import ComponentModel, ModelError, Quantity
 from fdd.models.expectation import EquipmentModel
 from fdd.models.registry import get_model
+from fdd.tables import suggestion
 from fdd.units import NAMES, UnitError, conversion
 
 
@@ -53,6 +53,9 @@ def check_site(site: Site) -> list[Finding]:
 
 
 def _general(site: Site) -> Iterator[Finding]:
+    for where, former, present in site.former:
+        problem = f"{former!r} is called {present!r} now"
+        yield Finding("warning", where, problem, "Write the new word; the next version refuses the old one.")
     if not site.sources:
         yield Finding("warning", "sources", "no source is given", "Name a data file on the command line, or add one.")
     if not site.equipment:

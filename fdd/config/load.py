@@ -11,9 +11,10 @@ from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
-from fdd.config.base import ConfigError, SourceOptions, suggestion
+from fdd.config.former import modernised
 from fdd.config.schema import Site
 from fdd.limits import SITE_FILE_BYTES, SITE_FILE_DEPTH, SITE_FILE_ENTRIES, UNPRINTABLE
+from fdd.tables import ConfigError, SourceOptions, suggestion
 
 Loc = tuple[str | int, ...]
 _SUFFIXES = {"parquet": {".parquet", ".pq"}, "excel": {".xlsx", ".xls", ".xlsm", ".xlsb", ".ods"}}
@@ -53,6 +54,7 @@ def parse_site(text: str, *, folder: Path | None = None, file: str = "") -> Site
         raise _located(tree, ("source",), "both 'source' and 'sources' are given", "Keep 'sources', a list.", file)
     if "source" in table:
         table = {("sources" if k == "source" else k): v for k, v in table.items()}
+    table, former = modernised(table)
     try:
         table["sources"] = tuple(_sources(tree, table.get("sources"), file))
         if "operator" in table:
@@ -60,7 +62,7 @@ def parse_site(text: str, *, folder: Path | None = None, file: str = "") -> Site
         site = Site.model_validate(table)
     except ValidationError as error:
         raise _config_error(error, tree, (), file) from None
-    return site.located(folder or Path.cwd())
+    return site.located(folder or Path.cwd(), former)
 
 
 def with_data(site: Site, path: Path | str) -> Site:

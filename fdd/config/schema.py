@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr, SerializeAsAny, field_validator, model_validator
 
-from fdd.config.base import Duration, DurationOrZero, SourceOptions, Strict, UnitText, Zone, refusal, suggestion
 from fdd.expressions import Expression, ExpressionError, compile_expression
 from fdd.limits import LimitError, name_within
+from fdd.tables import Duration, DurationOrZero, SourceOptions, Strict, UnitText, Zone, refusal, suggestion
 from fdd.units import Conversion, QuantityKind, UnitError, conversion
 
 CHILLER = "gordon_ng"
@@ -105,9 +105,9 @@ class ParameterSpec(Strict):
 class Charts(Strict):
     """Which charts watch a component; empty means all that apply."""
 
-    kinds: tuple[Literal["cusum", "score", "still", "health"], ...] = Field(
+    kinds: tuple[Literal["cusum", "score", "flatline", "health"], ...] = Field(
         default=(),
-        description="kinds of chart: cusum, score, still (frozen readings), health (of the model); empty means all",
+        description="kinds of chart: cusum, score, flatline (frozen readings), health (of the model); empty means all",
     )
     exclude: tuple[str, ...] = Field(default=(), description="parameters or outputs that get no chart")
 
@@ -149,7 +149,7 @@ class Reidentify(Strict):
     every: Duration = Field(default=86400.0, description="how often, in whole days")
     at: str = Field(default="02:30", description="time of the day, in the site's zone")
     window: Duration = Field(default=28 * 86400.0, description="how far back the history reaches")
-    slack: float = Field(
+    deadband: float = Field(
         default=0.02,
         ge=0,
         le=0.2,
@@ -254,6 +254,12 @@ class Site(Strict):
     equipment: dict[str, Equipment] = Field(default={}, description="equipment name to what it is")
 
     _folder: Path = PrivateAttr(default_factory=Path.cwd)
+    _former: tuple[tuple[str, str, str], ...] = PrivateAttr(default=())
+
+    @property
+    def former(self) -> tuple[tuple[str, str, str], ...]:
+        """Former words of the file and the present ones: (where, former, present)."""
+        return self._former
 
     @field_validator("name")
     @classmethod
@@ -280,10 +286,10 @@ class Site(Strict):
         """Folder of the site file, where relative paths start."""
         return self._folder
 
-    def located(self, folder: Path) -> Site:
-        """The same site, its relative paths starting at ``folder``."""
+    def located(self, folder: Path, former: tuple[tuple[str, str, str], ...] = ()) -> Site:
+        """The same site, its relative paths starting at ``folder``; ``former`` says which words were replaced."""
         site = self.model_copy()
-        site._folder = folder
+        site._folder, site._former = folder, former
         return site
 
     @model_validator(mode="after")

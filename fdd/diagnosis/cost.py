@@ -161,7 +161,7 @@ def _interval(energy: Callable[[float], float]) -> tuple[float, float, float]:
 
 def _exchanger(case: Case) -> Loss | None:
     """Heat that the clean exchanger would pass at the same flows and inlet temperatures."""
-    films = [s for s in ("U", "C", "C_hot", "C_cold", "K_hot", "K_cold") if s in case.change]
+    films = [s for s in ("UA", "C", "C_hot", "C_cold", "K_hot", "K_cold") if s in case.change]
     h = case.hours
     if not films:
         return None
@@ -245,7 +245,7 @@ def _zone(case: Case) -> Loss | None:
     series = [s for s in ("R_ia", "R_ie", "R_ea") if s in case.value]
     if not series or not any(s in case.change for s in series):
         return None
-    drive = float(np.mean(case.hours["T_in"] - case.hours["T_out"]))
+    drive = float(np.mean(case.hours["T_room"] - case.hours["T_out"]))
     healthy = 1.0 / sum(case.value[s] for s in series)
 
     def extra(errors: float) -> float:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from fdd.records import Alarm, JsonObject
 
-STILL = ":still"
+FLATLINE = ":flatline"
 # A reading that never changes leaves little room for another cause.
 FROZEN = 0.95
 TESTS = {
@@ -55,13 +55,13 @@ def undiagnosed(alarm: Alarm, error: Exception) -> Alarm:
 
 def without_frozen(alarm: Alarm) -> Alarm:
     """The alarm without charts of frozen readings, for a ranking by parameters and innovations."""
-    charts = {name: c for name, c in alarm.evidence["charts"].items() if not name.endswith(STILL)}
+    charts = {name: c for name, c in alarm.evidence["charts"].items() if not name.endswith(FLATLINE)}
     return replace(alarm, evidence={**alarm.evidence, "charts": charts})
 
 
 def with_frozen(alarm: Alarm) -> Alarm:
     """A frozen reading among the charts that rang comes before every other cause: what it upsets is its consequence."""
-    frozen = [c for name, c in alarm.evidence["charts"].items() if name.endswith(STILL)]
+    frozen = [c for name, c in alarm.evidence["charts"].items() if name.endswith(FLATLINE)]
     if not frozen:
         return alarm
     points = ", ".join(str(c["point"]) for c in frozen)

@@ -19,7 +19,7 @@ from typing import Any
 import llvmlite.binding as llvm
 import numpy as np
 
-from fdd.greybox import lanes, machine
+from fdd.greybox import machine, simd
 from fdd.greybox.machine import Array
 
 LEVEL = 2
@@ -54,7 +54,7 @@ def target() -> str:
 @functools.cache
 def width() -> int:
     """How many components a lane kernel steps at once on this processor."""
-    return lanes.width(llvm.get_host_cpu_features())
+    return simd.width(llvm.get_host_cpu_features())
 
 
 def module(text: str, entries: Sequence[str], folder: Path, wide: int = 1) -> types.ModuleType:
@@ -63,7 +63,7 @@ def module(text: str, entries: Sequence[str], folder: Path, wide: int = 1) -> ty
     Functions take arrays of the annotated kinds, C-contiguous, and numbers. Compiled for ``wide`` lanes, a float is a
     vector of so many.
     """
-    text = text + lanes.text() if wide > 1 else text
+    text = text + simd.text() if wide > 1 else text
     key = hashlib.sha256(f"{FORMAT} {target()} {wide} {' '.join(entries)} {text}".encode()).hexdigest()[:24]
     if key in _modules:
         return _modules[key]
@@ -123,7 +123,7 @@ def _alone(path: Path) -> Iterator[None]:
 def compiled(text: str, prefix: str, entries: Sequence[str], wide: int = 1) -> bytes:
     """Object file of the entry functions of a text."""
     machine_ = _target_machine()
-    fma = lanes.fuses(llvm.get_host_cpu_features(), llvm.get_process_triple())
+    fma = simd.fuses(llvm.get_host_cpu_features(), llvm.get_process_triple())
     written = machine.assemble(text, prefix, entries, lanes=wide, fma=fma, widest=max(8, 2 * width()))
     code = llvm.parse_assembly(written)
     code.triple = machine_.triple

@@ -181,7 +181,7 @@ class _Equations:
     def _films(self, hot: list[Any], cold: list[Any], u: Namespace, p: Namespace) -> tuple[Any, Any]:
         """Film coefficients of the two sides [W/K] (Eq. 9 and 10)."""
         if self.transfer == "constant":
-            return 2.0 * p.U, 2.0 * p.U
+            return 2.0 * p.UA, 2.0 * p.UA
         m_hot, m_cold = _power(forward(u.m_flow_hot), p.y), _power(forward(u.m_flow_cold), p.y)
         if self.transfer == "flow-symmetric":
             return p.C * m_hot, p.C * m_cold
@@ -194,7 +194,7 @@ class _Equations:
 
     def _overall(self, h_hot: Any, h_cold: Any, p: Namespace) -> Any:
         """Eq. 11."""
-        return p.U if self.transfer == "constant" else 1.0 / (1.0 / h_hot + 1.0 / h_cold)
+        return p.UA if self.transfer == "constant" else 1.0 / (1.0 / h_hot + 1.0 / h_cold)
 
     def diffusion(self, x: Namespace, u: Namespace, p: Namespace) -> Mapping[str, Any]:
         """One intensity a side; the plates are as noisy as the hot side."""
@@ -271,7 +271,7 @@ def _coefficients(transfer: str) -> list[Parameter]:
     film = ("W/K (kg/s)^-y", 8e3, 10.0, 1e7)
     if transfer == "constant":
         return [
-            Parameter("U", "W/K", "overall heat transfer coefficient times area", 4e3, 10.0, 1e7, f"{PAPER}, Eq. 3")
+            Parameter("UA", "W/K", "overall heat transfer coefficient times area", 4e3, 10.0, 1e7, f"{PAPER}, Eq. 3")
         ]
     if transfer == "flow-symmetric":
         return [
@@ -336,7 +336,7 @@ def _parameters(transfer: str, metal: bool) -> tuple[Parameter, ...]:
 
 def _faults(transfer: str) -> tuple[Fault, ...]:
     films = {
-        "constant": ("U",),
+        "constant": ("UA",),
         "flow": ("C_hot", "C_cold"),
         "flow-symmetric": ("C",),
         "flow-temperature": ("K_hot", "K_cold"),

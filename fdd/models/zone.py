@@ -55,12 +55,12 @@ def zone(nodes: Literal["Ti", "TiTe", "TiTh", "TiTeTh"] = "TiTeTh") -> Component
         }
 
     def start(y: Namespace, u: Namespace, p: Namespace) -> Mapping[str, Any]:
-        state = {"T_i": y.T_in}
+        state = {"T_i": y.T_room}
         if envelope:
             # Where a steady envelope lies between inside and outside.
-            state["T_e"] = (y.T_in * p.R_ea + u.T_out * p.R_ie) / (p.R_ea + p.R_ie)
+            state["T_e"] = (y.T_room * p.R_ea + u.T_out * p.R_ie) / (p.R_ea + p.R_ie)
         if heater:
-            state["T_h"] = y.T_in
+            state["T_h"] = y.T_room
         return state
 
     return ComponentModel(
@@ -73,15 +73,15 @@ def zone(nodes: Literal["Ti", "TiTe", "TiTh", "TiTeTh"] = "TiTeTh") -> Component
             Quantity("I_solar", "W/m^2", "global radiation"),
             Quantity("P_heat", "W", "heater power"),
         ),
-        outputs=(Quantity("T_in", "degC", "indoor temperature"),),
+        outputs=(Quantity("T_room", "degC", "indoor temperature"),),
         parameters=_parameters(envelope, heater),
         drift=drift,
         diffusion=diffusion,
-        observe=lambda x, u, p: {"T_in": x.T_i},
-        noise=lambda x, u, p: {"T_in": p.noise_in},
+        observe=lambda x, u, p: {"T_room": x.T_i},
+        noise=lambda x, u, p: {"T_room": p.noise_in},
         start=start,
         options={"nodes": nodes},
-        valid={"T_out": (-50.0, 60.0), "I_solar": (0.0, 1400.0), "T_in": (-20.0, 60.0)},
+        valid={"T_out": (-50.0, 60.0), "I_solar": (0.0, 1400.0), "T_room": (-20.0, 60.0)},
         faults=_faults(envelope),
         references=(
             "Bacher, P., Madsen, H. (2011). Identifying suitable models for the heat dynamics of buildings. "
@@ -148,25 +148,25 @@ def _faults(envelope: bool) -> tuple[Fault, ...]:
         Fault(
             "open-window",
             "more heat leaves than the envelope explains",
-            {resistance: -1, "innovation:T_in": -1},
+            {resistance: -1, "innovation:T_room": -1},
             ("look for open windows and doors", "check the ventilation's schedule and supply temperature"),
         ),
         Fault(
             "heater",
             "the heater gives off less than its meter says",
-            {"innovation:T_in": -1, "C_i": 1},
+            {"innovation:T_room": -1, "C_i": 1},
             ("compare the heat meter with the flow and temperatures at the heater",),
         ),
         Fault(
             "bias",
             "the indoor sensor reads wrong by a constant",
-            {"innovation:T_in": 0},
+            {"innovation:T_room": 0},
             ("compare the sensor with a hand-held one", "look whether sun or a heat source reaches it"),
         ),
         Fault(
             "stuck",
             "the indoor sensor keeps its last value",
-            {"innovation:T_in": 0, "C_i": 1, **({"C_e": 1, "R_ie": -1} if envelope else {})},
+            {"innovation:T_room": 0, "C_i": 1, **({"C_e": 1, "R_ie": -1} if envelope else {})},
             ("look whether the reading changes at all", "warm the sensor with a hand: it must follow within minutes"),
         ),
     )

@@ -221,7 +221,7 @@ def _raised(healthy: float, severity: float, extent: FloatArray) -> FloatArray:
     return healthy * (1.0 + severity * extent)
 
 
-_TRANSFER = _less("U", "C", "C_hot", "C_cold", "K_hot", "K_cold", "UA", "n_cool")
+_TRANSFER = _less("C", "C_hot", "C_cold", "K_hot", "K_cold", "UA", "n_cool")
 _READING = "the point's unit"
 
 KINDS: dict[str, Kind] = {

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from fdd.config.base import Duration, DurationOrZero, SourceOptions, Strict
 from fdd.plant.district import district_plant
 from fdd.plant.faults import DAY, PlantFault, effects
 from fdd.plant.network import PlantError
 from fdd.plant.scenario import Piece, Scenario, pieces, points
 from fdd.records import Batch, JsonObject
+from fdd.tables import Duration, DurationOrZero, SourceOptions, Strict
 
 if TYPE_CHECKING:
     from ingest.source import Context

@@ -24,13 +24,13 @@ class BudgetError(ValueError):
 
 
 def spread(
-    false_alarms_a_year: float, weights: ArrayLike, interval: ArrayLike, availability: ArrayLike = 1.0
+    false_alarms_per_year: float, weights: ArrayLike, interval: ArrayLike, availability: ArrayLike = 1.0
 ) -> FloatArray:
     """Mean number of updates between false alarms for each chart, shape (n,).
 
     Parameters
     ----------
-    false_alarms_a_year : for all charts together [1/a]
+    false_alarms_per_year : for all charts together [1/a]
     weights : shape (n,), share of the budget each chart may use, any scale; more for charts that guard dear faults
     interval : scalar or (n,), time between a chart's updates [s]; charts on blocks and windows divide by their length
         themselves
@@ -44,9 +44,9 @@ def spread(
     w = np.array(weights, dtype=np.float64, ndmin=1)
     step = np.broadcast_to(np.asarray(interval, dtype=np.float64), w.shape)
     share = np.broadcast_to(np.asarray(availability, dtype=np.float64), w.shape)
-    if not (np.isfinite(false_alarms_a_year) and false_alarms_a_year > 0):
+    if not (np.isfinite(false_alarms_per_year) and false_alarms_per_year > 0):
         raise BudgetError(
-            f"the budget is {false_alarms_a_year} false alarms a year; give a positive number, for example 4"
+            f"the budget is {false_alarms_per_year} false alarms a year; give a positive number, for example 4"
         )
     if w.ndim != 1 or w.size == 0 or not np.all(np.isfinite(w) & (w > 0)):
         raise BudgetError(
@@ -56,7 +56,7 @@ def spread(
         raise BudgetError(f"update intervals must be positive seconds, got {interval!r}")
     if not np.all((share > 0) & (share <= 1)):
         raise BudgetError(f"availability must lie in (0, 1], got {availability!r}")
-    rate = false_alarms_a_year * w / w.sum()
+    rate = false_alarms_per_year * w / w.sum()
     updates = np.asarray(share * YEAR / step / rate)
     if np.any(updates < 2):
         worst = int(np.argmin(updates))
@@ -103,17 +103,17 @@ def poisson_interval(count: int, confidence: float = 0.95) -> tuple[float, float
     return low, 0.5 * float(chi2.isf(tail, 2 * count + 2))
 
 
-def realised(count: int, seconds: float, false_alarms_a_year: float, confidence: float = 0.95) -> Realised:
+def realised(count: int, seconds: float, false_alarms_per_year: float, confidence: float = 0.95) -> Realised:
     """Compare alarms with the budget over the time watched.
 
     Parameters
     ----------
     count : false alarms that came
     seconds : time watched, without what was gated off [s]
-    false_alarms_a_year : the promise for the same charts [1/a]
+    false_alarms_per_year : the promise for the same charts [1/a]
     """
     if not seconds > 0:
         raise ValueError(f"time watched is {seconds} s; give a positive time")
     years = seconds / YEAR
     low, high = poisson_interval(count, confidence)
-    return Realised(count, false_alarms_a_year * years, count / years, low / years, high / years, years, confidence)
+    return Realised(count, false_alarms_per_year * years, count / years, low / years, high / years, years, confidence)

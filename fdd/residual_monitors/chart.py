@@ -91,11 +91,11 @@ class Chart(ABC):
     kind: ClassVar[str]
     """Name in the registry and in exported state."""
     feed: ClassVar[Feed] = Feed.VALUES
-    schema: ClassVar[int] = 1
+    schema: ClassVar[int] = 2
     """Version of the exported state."""
     _state: ClassVar[tuple[str, ...]] = ()
     """Names of the arrays, first axis n, that make up the state of the rule."""
-    _latch: ClassVar[tuple[str, ...]] = ("latched", "side", "onset", "seen", "mean", "spread")
+    _latch: ClassVar[tuple[str, ...]] = ("latched", "side", "onset", "seen", "mean", "m2")
 
     def __init__(self, limit: ArrayLike, *, learn: int = 0) -> None:
         self.limit = _limits(limit, self.kind)
@@ -110,7 +110,7 @@ class Chart(ABC):
         self.onset = np.zeros(self.n, dtype=np.int64)
         self.seen = np.zeros(self.n, dtype=np.int64)
         self.mean = np.zeros(self.n)
-        self.spread = np.zeros(self.n)
+        self.m2 = np.zeros(self.n)
 
     @classmethod
     @abstractmethod
@@ -145,7 +145,7 @@ class Chart(ABC):
             )
         if not self.learn:
             return self._step(values)
-        scaled, learning = _standardise(values, self.learn, self.seen, self.mean, self.spread)
+        scaled, learning = _standardise(values, self.learn, self.seen, self.mean, self.m2)
         verdicts = self._step(scaled)
         verdicts.phase[learning & (verdicts.phase != ALARM)] = LEARNING
         return verdicts
@@ -172,7 +172,7 @@ class Chart(ABC):
         if relearn:
             self.seen[rows] = 0
             self.mean[rows] = 0.0
-            self.spread[rows] = 0.0
+            self.m2[rows] = 0.0
 
     def set_limit(self, limit: ArrayLike) -> None:
         """Change the limits (a new budget); alarms that stand go on standing."""

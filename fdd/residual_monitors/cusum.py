@@ -66,7 +66,7 @@ class Cusum(Chart):
         limit = limit_for("cusum", arl, k=k, head_start=head_start, shift_sd=shift_sd)
         return cls(limit, k=k, head_start=head_start, learn=learn)
 
-    def forgive(self, shift: ArrayLike) -> None:
+    def allow_bias(self, shift: ArrayLike) -> None:
         """Forgive these shifts from now on, shape (n,) [standard deviations]: so much is added to k.
 
         For shifts of the mean that an imperfect baseline explains, where their size changes from update to update.

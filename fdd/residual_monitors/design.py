@@ -30,7 +30,7 @@ class Design:
     ----------
     rule, limit : the chart and its limit
     interval : time between samples [s]
-    false_alarms_a_year : promised for this chart [1/a]
+    false_alarms_per_year : promised for this chart [1/a]
     shifts : standard deviations of a sample
     delay, late : mean and 90 % quantile of the time to detection for each shift [s], from a settled chart (MEWMA, EWMA
         with exact limits: from the start)
@@ -40,7 +40,7 @@ class Design:
     rule: Rule
     limit: float
     interval: float
-    false_alarms_a_year: float
+    false_alarms_per_year: float
     shifts: tuple[float, ...]
     delay: tuple[float, ...]
     late: tuple[float, ...]
@@ -64,7 +64,7 @@ class Design:
 
 def design_chart(
     kind: Kind,
-    false_alarms_a_year: float,
+    false_alarms_per_year: float,
     interval: float,
     *,
     availability: float = 1.0,
@@ -78,7 +78,7 @@ def design_chart(
     Parameters
     ----------
     kind : ``cusum``, ``ewma``, ``mewma`` or ``shewhart``
-    false_alarms_a_year : for this chart [1/a]
+    false_alarms_per_year : for this chart [1/a]
     interval : time between samples [s]
     availability : share of the year with samples
     shifts : to tabulate, standard deviations of a sample (Mahalanobis distance for a MEWMA)
@@ -91,13 +91,13 @@ def design_chart(
     ValueError
         Where no limit can keep the promise.
     """
-    if not (false_alarms_a_year > 0 and interval > 0 and 0 < availability <= 1):
+    if not (false_alarms_per_year > 0 and interval > 0 and 0 < availability <= 1):
         raise ValueError(
-            f"false alarms a year {false_alarms_a_year}, interval {interval} s and availability {availability} must be "
-            "positive, availability at most 1"
+            f"false alarms a year {false_alarms_per_year}, interval {interval} s and availability {availability} "
+            "must be positive, availability at most 1"
         )
     rule = Rule(kind, **constants)  # type: ignore[arg-type]  # the constants of a Rule
-    wanted = availability * YEAR / interval / false_alarms_a_year
+    wanted = availability * YEAR / interval / false_alarms_per_year
     limit = float(
         limit_for(
             kind, wanted, head_start=head_start, shift_sd=baseline**-0.5 if baseline else 0.0, k=rule.k, lam=rule.lam,
@@ -108,7 +108,7 @@ def design_chart(
     if head_start:
         begin = head_start
     return Design(
-        rule, limit, interval, false_alarms_a_year, tuple(shifts),
+        rule, limit, interval, false_alarms_per_year, tuple(shifts),
         tuple(interval * arl(rule, limit, s, begin) for s in shifts),
         tuple(interval * run_length_quantile(rule, limit, 0.9, s, begin) for s in shifts),
         begin,
@@ -122,7 +122,7 @@ def design_table(designs: Sequence[Design]) -> tuple[list[str], list[list[str]]]
     rows = []
     for d in designs:
         at = {s: f"{duration(m)} ({duration(q)})" for s, m, q in zip(d.shifts, d.delay, d.late, strict=True)}
-        rows.append([d.name, duration(d.interval), f"{d.false_alarms_a_year:g}", *(at.get(s, "") for s in shifts)])
+        rows.append([d.name, duration(d.interval), f"{d.false_alarms_per_year:g}", *(at.get(s, "") for s in shifts)])
     return head, rows
 
 
@@ -143,7 +143,7 @@ def sampling_table(
     head = ["samples every", "single values: limit", "mean delay", "means over the interval: limit", "mean delay"]
     constants = {"k": design.rule.k, "lam": design.rule.lam, "dimension": design.rule.dimension}
     intervals = [design.interval * n for n in every]
-    kind, rate, base = design.rule.kind, design.false_alarms_a_year, design.interval
+    kind, rate, base = design.rule.kind, design.false_alarms_per_year, design.interval
     columns = [
         sampling_effect(kind, rate, intervals, shift, base=base, sampling=s, **constants) for s in ("point", "mean")
     ]  # fmt: skip
@@ -190,7 +190,7 @@ def design_plot(designs: Sequence[Design], path: Path | None = None) -> Figure:
 
 def sampling_effect(
     kind: Kind,
-    false_alarms_a_year: float,
+    false_alarms_per_year: float,
     intervals: Sequence[float],
     shift: float,
     *,
@@ -209,7 +209,7 @@ def sampling_effect(
     out = []
     for interval in intervals:
         own = shift * (np.sqrt(interval / base) if sampling == "mean" else 1.0)
-        out.append(design_chart(kind, false_alarms_a_year, interval, shifts=(float(own),), **constants))  # type: ignore[arg-type]
+        out.append(design_chart(kind, false_alarms_per_year, interval, shifts=(float(own),), **constants))  # type: ignore[arg-type]
     return out
 
 
@@ -221,6 +221,6 @@ def baseline_table(
     rows = []
     for m in samples:
         effect = baseline_effect(design.rule, design.limit, m, 100)
-        per_year = effect.rate * YEAR / design.interval / design.false_alarms_a_year
+        per_year = effect.rate * YEAR / design.interval / design.false_alarms_per_year
         rows.append([str(m), duration(effect.median * design.interval), f"{per_year:.3g}"])
     return head, rows

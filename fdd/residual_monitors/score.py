@@ -107,7 +107,7 @@ class Score(Chart):
                 f"score chart: covariance has shape {self.covariance.shape}; give {(n, p, p)}, one a component"
             )
         self.enough, self.offset = float(enough), np.zeros((n, p))
-        self.slack = np.zeros((n, p))
+        self.deadband = np.zeros((n, p))
         self._uncertainty = Uncertainty(self.limit, self.k)
         self._most = np.full(self.n, self.learn, dtype=np.int64)
         self.count = np.zeros(n, dtype=np.int64)
@@ -177,11 +177,11 @@ class Score(Chart):
         seen, closed = _accumulate(s, i, self.block, self.score, self.information, self.count, self.elapsed)
         rows = np.flatnonzero(closed)
         length, held = self.elapsed[rows], self._held(rows)
-        scale = _scale(self.spread, self.seen).reshape(-1, self.parameters)[rows]
+        scale = _scale(self.m2, self.seen).reshape(-1, self.parameters)[rows]
         z, allowance = self._close(rows, held, scale) if rows.size else (scale, scale)
         phase, statistic, direction, age = _chart(
             seen, rows, z, scale, allowance, length, held, self.k, self.learn, self._most, self.limit, self.upper,
-            self.lower, self.upper_age, self.lower_age, self.shown, self.seen, self.spread, self.latched, self.side,
+            self.lower, self.upper_age, self.lower_age, self.shown, self.seen, self.m2, self.latched, self.side,
             self.onset,
         )  # fmt: skip
         phase[(phase == QUIET) & (self.open == 1)] = LEARNING
@@ -212,7 +212,7 @@ class Score(Chart):
         standing = self._isolated(rows, found) if self.isolated else part.standing
         variance = (standing / (np.square(spread) + part.learned)).ravel()
         allowance = self._uncertainty.extra(variance, streams).reshape(z.shape)
-        allowance = allowance + self._slackened(rows, found) / np.sqrt(np.square(spread) + part.learned)
+        allowance = allowance + self._widened_by_deadband(rows, found) / np.sqrt(np.square(spread) + part.learned)
         slot = self.written[rows] % self.history
         self.past_score[rows, slot] = self.score[rows]
         self.past_information[rows, slot] = self.information[rows]
@@ -227,22 +227,22 @@ class Score(Chart):
         own = np.diagonal(self.covariance[rows], axis1=1, axis2=2)
         return np.asarray(np.nan_to_num(own * np.square(found.isolated / found.joint)))
 
-    def _slackened(self, rows: IntArray, found: Change) -> FloatArray:
-        """How far changes inside the slack move the means of standardised scores (r, n_p), all of them at once."""
-        own = self.slack[rows]
+    def _widened_by_deadband(self, rows: IntArray, found: Change) -> FloatArray:
+        """How far changes inside the deadband move the means of standardised scores (r, n_p), all of them at once."""
+        own = self.deadband[rows]
         if self.isolated:
             return np.asarray(np.nan_to_num(own / found.joint_error))
         diagonal = np.diagonal(self.information[rows], axis1=1, axis2=2)
         moved = np.sqrt(np.square(self.information[rows] * own[:, None, :]).sum(axis=2))
         return np.asarray(moved / np.sqrt(np.where(diagonal > 0, diagonal, 1.0)))
 
-    def tolerate(self, slack: ArrayLike) -> None:
+    def tolerate(self, deadband: ArrayLike) -> None:
         """Changes of the parameters, scalar or (n_c, n_p) on the estimation scale, for which no chart rings.
 
         For what is harmless however well it is seen, such as seasons that a new baseline will follow. The promised rate
         is kept for any change inside; without one, charts are quieter than promised.
         """
-        self.slack = np.array(np.broadcast_to(np.asarray(slack, dtype=np.float64), self.offset.shape))
+        self.deadband = np.array(np.broadcast_to(np.asarray(deadband, dtype=np.float64), self.offset.shape))
 
     def moved(self, rows: IntArray, by: FloatArray) -> None:
         """The baselines of these components were moved by ``by`` (r, n_p) while no block was begun."""
@@ -294,13 +294,13 @@ class Score(Chart):
         which = np.repeat(rows, self.parameters)
         seen = np.broadcast_to(np.asarray(blocks, dtype=np.int64).reshape(-1, 1), shape).ravel()
         variance = np.square(np.maximum(1.0, np.asarray(spread, dtype=np.float64).reshape(shape))).ravel()
-        self.seen[which], self.spread[which] = seen[which], (variance * seen)[which]
+        self.seen[which], self.m2[which] = seen[which], (variance * seen)[which]
         self._most[which] = seen[which] + int(self.enough)
 
     def spread_of(self, component: int) -> FloatArray:
         """Standard deviation of a component's z that was learned, shape (n_p,); 1 where none was."""
         at = slice(component * self.parameters, (component + 1) * self.parameters)
-        return _scale(self.spread[at], self.seen[at])
+        return _scale(self.m2[at], self.seen[at])
 
     def visibility(self, component: int, *, joint: bool = False) -> FloatArray:
         """Standard error of each parameter's change over the history, shape (n_p,); inf: not visible.

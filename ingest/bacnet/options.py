@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from fdd.config.base import Duration, SourceOptions
+from fdd.tables import Duration, SourceOptions
 
 
 class BacnetOptions(SourceOptions):

@@ -10,8 +10,8 @@ from typing import ClassVar
 
 import structlog
 
-from fdd.config.base import SourceOptions
 from fdd.records import Batch, JsonObject
+from fdd.tables import SourceOptions
 from ingest.bacnet.options import BacnetOptions
 from ingest.bacnet.poll import Poller
 from ingest.live import Inbox, Letter

@@ -11,8 +11,8 @@ from typing import Any, ClassVar, cast
 import numpy as np
 import pandas as pd
 
-from fdd.config.base import SourceOptions
 from fdd.records import Batch
+from fdd.tables import SourceOptions
 from ingest.csv.files import FileSource
 from ingest.csv.options import ExcelOptions
 from ingest.csv.source import distinct

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from fdd.config.base import Duration, SourceOptions, Strict, Zone, refusal
+from fdd.tables import Duration, SourceOptions, Strict, Zone, refusal
 
 
 class TimeOptions(Strict):

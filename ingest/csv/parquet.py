@@ -11,9 +11,9 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet
 
-from fdd.config.base import SourceOptions
 from fdd.limits import HEADER_COLUMNS, PARQUET_TEXT_BYTES
 from fdd.records import Batch
+from fdd.tables import SourceOptions
 from ingest.csv.files import FileSource
 from ingest.csv.options import ParquetOptions
 from ingest.csv.table import Table

@@ -14,9 +14,9 @@ from typing import Any, ClassVar, TextIO, cast
 import numpy as np
 import pandas as pd
 
-from fdd.config.base import SourceOptions
 from fdd.limits import BLOCK_CHARACTERS, HEADER_COLUMNS, LINE_CHARACTERS
 from fdd.records import Batch, IntArray, Quality
+from fdd.tables import SourceOptions
 from ingest.csv.files import FileSource
 from ingest.csv.nature import REMEDIES, nature
 from ingest.csv.options import CsvOptions

@@ -13,8 +13,8 @@ from typing import Any, ClassVar
 
 import structlog
 
-from fdd.config.base import SourceOptions
 from fdd.records import Batch, JsonObject
+from fdd.tables import SourceOptions
 from ingest.live import Inbox, Letter
 from ingest.message import Message, decode
 from ingest.mqtt.options import MqttOptions

@@ -7,7 +7,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from fdd.config.base import Strict, refusal
+from fdd.tables import Strict, refusal
 from ingest.login import LoginOptions
 
 

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 
 import structlog
 
-from fdd.config.base import SourceOptions
 from fdd.records import Batch, JsonObject
+from fdd.tables import SourceOptions
 from ingest.live import Inbox, Letter
 from ingest.source import Context
 from ingest.zenoh.options import ZenohOptions

@@ -44,7 +44,7 @@ def test_an_envelope_that_loses_more_costs_the_extra_heat_of_a_day() -> None:
     model = get_model("zone", nodes="Ti")
     typical = next(p.typical for p in model.parameters if p.symbol == "R_ia")
     found = daily_cost(
-        model, moved(model, "R_ia", -0.2, 0.02), hours(T_in=21.0, T_out=1.0, I_solar=0.0, P_heat=0.0), (), TARIFFS
+        model, moved(model, "R_ia", -0.2, 0.02), hours(T_room=21.0, T_out=1.0, I_solar=0.0, P_heat=0.0), (), TARIFFS
     )
     energy = (np.exp(0.2) - 1) / typical * 20.0 * 24 / 1000
     assert found["kWh_per_day"] == pytest.approx(energy)
@@ -62,7 +62,7 @@ def test_a_fouled_exchanger_costs_the_heat_that_a_clean_one_would_pass() -> None
         m_flow_hot=flow, m_flow_cold=flow, T_hot_in=80.0, T_cold_in=40.0, T_hot_out=80.0 - heat / (CP * flow),
         T_cold_out=40.0 + heat / (CP * flow),
     )  # fmt: skip
-    found = daily_cost(model, moved(model, "U", np.log(0.8), 0.01), operation, (), TARIFFS)
+    found = daily_cost(model, moved(model, "UA", np.log(0.8), 0.01), operation, (), TARIFFS)
     clean = CP * flow * drive * (units / 0.8) / (1 + units / 0.8)
     assert found["kWh_per_day"] == pytest.approx((clean - heat) * 24 / 1000, rel=0.01)
     assert found["currency"] == "EUR"
@@ -87,7 +87,7 @@ def test_a_radiator_loses_comfort_and_no_energy() -> None:
 def test_what_cannot_be_told_is_said_in_words() -> None:
     model = get_model("zone", nodes="Ti")
     departure = moved(model, "R_ia", -0.2, 0.02)
-    operation = hours(T_in=21.0, T_out=1.0, I_solar=0.0, P_heat=0.0)
+    operation = hours(T_room=21.0, T_out=1.0, I_solar=0.0, P_heat=0.0)
     sensor = daily_cost(model, departure, operation, ({"kind": "sensor"},), TARIFFS)
     unpriced = daily_cost(model, departure, operation, (), {"currency": "EUR", "heat": None})
     unseen = daily_cost(model, departure, Operation({}), (), TARIFFS)

@@ -97,7 +97,7 @@ ZONE = ("C_i", "C_e", "R_ie", "R_ea", "A_w")
         # A window that stands open: only the resistance to the outside falls.
         ({"R_ea": -0.262}, -2.0, 0.0, "open-window", ""),
         # A sensor that is off from one sample to the next: the reading jumps, the physics stays.
-        ({"R_ea": 0.03}, 0.3, 25.0, "bias", "T_in"),
+        ({"R_ea": 0.03}, 0.3, 25.0, "bias", "T_room"),
     ],
 )
 def test_a_zone_tells_its_sensor_from_its_heater(
@@ -105,7 +105,7 @@ def test_a_zone_tells_its_sensor_from_its_heater(
 ) -> None:
     model = get_model("zone", nodes="TiTe")
     assert tuple(p.symbol for p in model.parameters if p.kind == "physical") == ZONE
-    causes = measured_causes(model, departure(model, shift, {"T_in": mean}, {"T_in": jump}))
+    causes = measured_causes(model, departure(model, shift, {"T_room": mean}, {"T_room": jump}))
     assert (causes[0]["name"], causes[0]["where"]) == (name, where), causes
     assert all(": " in check for cause in causes[:3] for check in cause["checks"])
 

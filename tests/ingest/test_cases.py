@@ -23,7 +23,7 @@ def _run(folder: Path) -> list[Row]:
     site = load_site(folder / "site.yaml")
     rows: list[Row] = []
     for options in site.sources:
-        points = PointMap.of(site, options)
+        points = PointMap(site.points_of(options))
         source = make_source(options, Context(site.zone, points.columns, site.folder))
         source.open()
         for batch in map(points, source.batches()):

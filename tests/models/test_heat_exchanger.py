@@ -31,7 +31,7 @@ def test_energy_balance_closes(transfer, flow, metal):
 def test_steady_outlets_approach_effectiveness_ntu(flow, m_hot, m_cold, ua):
     model = heat_exchanger(compartments=12, transfer="constant", flow=flow)
     u = U | {"m_flow_hot": m_hot, "m_flow_cold": m_cold}
-    x = steady(model, np.full(24, 50.0), u, typical(model, U=ua), 3000.0)
+    x = steady(model, np.full(24, 50.0), u, typical(model, UA=ua), 3000.0)
     smaller, larger = sorted([m_hot * CP, m_cold * CP])
     ratio, ntu = smaller / larger, ua / smaller
     # Incropera et al. (2007), Tab. 11.3
@@ -56,7 +56,7 @@ def test_metal_ends_at_the_same_outlets():
 def test_time_constants_are_those_of_the_paper():
     # Tab. 2: 4 to 25 s for flows of 0.36 to 0.84 kg/s in an exchanger of 8.6 l and 105 kW.
     model = heat_exchanger(transfer="constant")
-    p = typical(model, U=3500.0, M_hot=4.3, M_cold=4.3)
+    p = typical(model, UA=3500.0, M_hot=4.3, M_cold=4.3)
     slowest = []
     for hot, cold in [(0.72, 0.84), (0.36, 0.42)]:
         u = U | {"m_flow_hot": hot, "m_flow_cold": cold}

@@ -32,7 +32,7 @@ def roughness(point: str) -> Effect:
     return lambda faulty, healthy: float(np.log(faulty[point].diff().abs().mean() / healthy[point].diff().abs().mean()))
 
 
-def stillness(point: str) -> Effect:
+def flat_runs(point: str) -> Effect:
     """Share of the steps in which a flow stands still, less that in health: the meter's own error is below 0.5 %."""
 
     def still(frame: pd.DataFrame) -> float:
@@ -73,8 +73,8 @@ SHOWN = {
     "air": Shown("radiator-south", 0.4, shift(RETURN), 1, 1.0),
     "sludge": Shown("radiator-north", 0.5, shift("radiator-north.m_flow"), -1, 0.005),
     "leak": Shown("valve-south", 0.3, lowest("radiator-south.m_flow"), 1, 0.02),
-    "stick": Shown("valve-south", 0.2, stillness("radiator-south.m_flow"), 1, 0.3),
-    "stuck": Shown("valve-north", 1.0, stillness("radiator-north.m_flow"), 1, 0.6, graded=False),
+    "stick": Shown("valve-south", 0.2, flat_runs("radiator-south.m_flow"), 1, 0.3),
+    "stuck": Shown("valve-north", 1.0, flat_runs("radiator-north.m_flow"), 1, 0.6, graded=False),
     "hunting": Shown("controller", 25.0, roughness("hx.T_cold_out"), 1, 0.41),
     "bias": Shown(RETURN, 1.0, shift(RETURN), 1, 0.9),
     "drift": Shown(RETURN, -1.0, shift(RETURN), -1, 0.5),

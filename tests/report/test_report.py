@@ -440,9 +440,9 @@ def test_keys_end_before_punctuation_and_points_are_not_found_in_words() -> None
     info = plant.site(1)
     said = names_in_words("substation-hx has alarm substation-hx@2025-11-11T09:45:00Z: no healthy model", info)
     assert said == "It follows from the alarm of Heat exchanger, substation: no healthy model"
-    named = ComponentInfo("House", "Zone", {"T_in": ("indoor", "degC", "indoor temperature")})
+    named = ComponentInfo("House", "Zone", {"T_room": ("indoor", "degC", "indoor temperature")})
     site = SiteInfo("s", "UTC", 1.0, {"house": named})
-    comment = in_words(names_in_words("chart house/T_in:cusum passed its limit", site), "house", named)
+    comment = in_words(names_in_words("chart house/T_room:cusum passed its limit", site), "house", named)
     assert comment == "the drift chart (CUSUM) of indoor temperature passed its limit"
 
 

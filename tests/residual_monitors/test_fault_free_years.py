@@ -12,7 +12,7 @@ from benchmarks.fault_free_years import figures_of
 def record(alarms: int, years: float = 10.0) -> dict[str, Any]:
     return {
         "years": years,
-        "promised": {"fitted": {"cusum": 4.0 * years, "still": 0.1 * years}},
+        "promised": {"fitted": {"cusum": 4.0 * years, "flatline": 0.1 * years}},
         "rang": {"fitted": {"cusum": alarms}},
     }
 

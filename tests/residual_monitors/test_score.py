@@ -46,20 +46,20 @@ def test_block_is_standardised_by_hand() -> None:
 
 
 def test_no_chart_rings_for_a_change_inside_the_slack_and_each_for_one_well_beyond() -> None:
-    """Of either parameter, though their scores are correlated; at the end of the slack the promised rate is kept."""
-    slack, n, steps = 0.15, 60, 1500
+    """Of either parameter, though their scores are correlated; at the end of the deadband the promised rate is kept."""
+    deadband, n, steps = 0.15, 60, 1500
     mix = np.array([[1.0, 0.8], [0.0, 0.6]])
-    for delta in ([slack, 0.0], [0.0, -slack]):
+    for delta in ([deadband, 0.0], [0.0, -deadband]):
         rang = {}
         for factor in (0.0, 1.0, 3.0):
             scores = regression(default_rng(3), steps, n, factor * np.array(delta), mix)
             chart = Score.design(np.full((n, 2), 5000.0), parameters=2, block=25)
-            chart.tolerate(slack)
+            chart.tolerate(deadband)
             rang[factor] = float((first_alarm(chart, *scores).reshape(n, 2) >= 0).any(axis=1).mean())
             if factor == 1.0:
                 strict = Score.design(np.full((n, 2), 5000.0), parameters=2, block=25)
                 assert (first_alarm(strict, *scores).reshape(n, 2) >= 0).any(axis=1).all()
-        # One of two sides and two charts may ring at the end of the slack: 1 - exp(-1500 / 5000) of components.
+        # One of two sides and two charts may ring at the end of the deadband: 1 - exp(-1500 / 5000) of components.
         assert rang[1.0] < 0.26 + 4 * np.sqrt(0.26 * 0.74 / n)
         assert rang[0.0] <= rang[1.0]
         assert rang[3.0] == 1.0

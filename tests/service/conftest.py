@@ -10,7 +10,7 @@ import pytest
 
 from fdd.models.zone import zone
 from fdd.records import NANOSECONDS, Baseline, Batch, Sample
-from fdd.service.plan import Component, Plan
+from fdd.service.site.plan import Component, Plan
 
 STEP = 300
 C, R, AREA, SIGMA, NOISE = 5e6, 5e-3, 4.0, 3e-4, 0.02
@@ -88,7 +88,7 @@ def baselines() -> dict[str, Baseline]:
             end=0,
             samples=0,
             log_likelihood=0.0,
-            innovation={"T_in": {"mean": 0.0, "sd": 1.0, "lag1": 0.0, "samples": 10**9}},
+            innovation={"T_room": {"mean": 0.0, "sd": 1.0, "lag1": 0.0, "samples": 10**9}},
         )
         for room in ("south", "north")
     }

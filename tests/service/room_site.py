@@ -14,9 +14,9 @@ import numpy as np
 
 from benchmarks.drifting_room import DAY, POINTS, START, Course, simulate
 from fdd.records import NANOSECONDS, Baseline, Rows
-from fdd.service.baselines import accept
-from fdd.service.identify import identify
-from fdd.service.opened import Opened, open_site
+from fdd.service.baselines.identify import identify
+from fdd.service.baselines.versions import accept
+from fdd.service.site.site_context import SiteContext, open_site
 
 DAY_NS = DAY * NANOSECONDS
 SITE = """
@@ -35,17 +35,17 @@ equipment:
     model: zone
     options: {nodes: Ti}
     inputs: {T_out: outside, I_solar: sun, P_heat: heat}
-    outputs: {T_in: T}
+    outputs: {T_room: T}
 """
 
 
-def make_site(folder: Path, course: Course, seed: int, *, learning_days: int = 21, extra: str = "") -> Opened:
+def make_site(folder: Path, course: Course, seed: int, *, learning_days: int = 21, extra: str = "") -> SiteContext:
     """The whole course is in the store; the baseline is fitted to its first days."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "site.yaml").write_text(SITE + extra)
-    opened = open_site(folder / "site.yaml")
+    context = open_site(folder / "site.yaml")
     history = simulate(course, seed)
-    store = opened.store()
+    store = context.store()
     n, p = history.values.shape
     store.write(
         Rows(
@@ -56,15 +56,15 @@ def make_site(folder: Path, course: Course, seed: int, *, learning_days: int = 2
             {"value": history.values.ravel()},
         )
     )
-    accept(store, first_baseline(opened, course, seed, learning_days))
+    accept(store, first_baseline(context, course, seed, learning_days))
     store.close()
-    return opened
+    return context
 
 
-def first_baseline(opened: Opened, course: Course, seed: int, days: int) -> Baseline:
+def first_baseline(context: SiteContext, course: Course, seed: int, days: int) -> Baseline:
     """Fitted to the first days of a course."""
     history = simulate(course, seed).between(None, START + days * DAY_NS)
-    return identify(opened.plan, opened.plan.components[0], history)[0]
+    return identify(context.plan, context.plan.components[0], history)[0]
 
 
 @contextmanager

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import pytest
 
 from fdd.records import NANOSECONDS, Alarm, AlarmState
-from fdd.service.alarm_life import FLAPPING, GRACE, LIFE, QUIET, QUIET_MOST, Event
-from fdd.service.alarms import ACTIONS, AlarmBook, AlarmError, Command, Ring
+from fdd.service.alarms.book import ACTIONS, AlarmBook, AlarmError, Command, Ring
+from fdd.service.alarms.life import FLAPPING, GRACE, LIFE, QUIET, QUIET_MOST, Event
 
 HOUR = 3600 * NANOSECONDS
 R, A, H = AlarmState.RAISED, AlarmState.ACKNOWLEDGED, AlarmState.SHELVED

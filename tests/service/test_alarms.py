@@ -7,7 +7,7 @@ import json
 import pytest
 
 from fdd.records import NANOSECONDS, AlarmState
-from fdd.service.alarms import AlarmBook, AlarmError, Command, Ring, alarm_from_document, alarm_to_document
+from fdd.service.alarms.book import AlarmBook, AlarmError, Command, Ring, alarm_from_document, alarm_to_document
 
 HOUR = 3600 * NANOSECONDS
 

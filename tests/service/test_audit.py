@@ -15,12 +15,12 @@ from typer.testing import CliRunner
 from benchmarks.drifting_room import POINTS, START, Course, plan, simulate
 from fdd.cli import app
 from fdd.records import NANOSECONDS, Baseline, Batch
-from fdd.service.alarms import iso
-from fdd.service.audit import DAY, LOOK, WATCHED, Counter, Kept, pieces, verdict
-from fdd.service.engine import Engine
-from fdd.service.errors import UsageError
-from fdd.service.history import History
-from fdd.service.identify import identify
+from fdd.service.alarms.book import iso
+from fdd.service.baselines.history import History
+from fdd.service.baselines.identify import identify
+from fdd.service.engine.engine import Engine
+from fdd.service.site.errors import UsageError
+from fdd.service.verbs.audit import DAY, LOOK, WATCHED, Counter, Kept, pieces, verdict
 from tests.service.room_site import SITE
 
 RUNNER = CliRunner()

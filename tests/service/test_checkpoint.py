@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from fdd.records import Batch, Quality, Sample
-from fdd.service.alarms import Command
-from fdd.service.checkpoint import Checkpoint, CheckpointError, decode, encode, files_of
+from fdd.service.alarms.book import Command
+from fdd.service.daemon.checkpoint import Checkpoint, CheckpointError, decode, encode, files_of
 
 
 def test_state_keeps_every_bit_of_its_arrays() -> None:

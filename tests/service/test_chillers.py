@@ -18,23 +18,25 @@ from fdd.chiller_eiv.gate import GateLimits
 from fdd.chiller_eiv.simulate import LAB_CHILLER, operate, raw_week
 from fdd.records import Alarm, AlarmState, Baseline, Batch
 from fdd.report.render import write_report
-from fdd.service.alarms import Command, Ring, alarm_to_document
-from fdd.service.baselines import accept, in_force
-from fdd.service.check import check_all
-from fdd.service.checkpoint import Checkpoint, decode, encode
-from fdd.service.chiller_fit import FittedChiller, learn_chiller
-from fdd.service.chiller_study import study_site
-from fdd.service.chillers import Chillers
-from fdd.service.daemon import Daemon
-from fdd.service.engine import Engine, EngineError, Outputs
-from fdd.service.errors import UsageError
-from fdd.service.feed import Feed
-from fdd.service.fitting import fit_site, read_span
-from fdd.service.identify import IdentifyError
-from fdd.service.opened import Opened, open_site
-from fdd.service.replay import ReplayResult, ready_engine, replay_site
-from fdd.service.reporting import site_info
-from fdd.store.store import StoreConfig, open_store
+from fdd.service.alarms.book import Command, Ring, alarm_to_document
+from fdd.service.baselines.chiller_fit import FittedChiller, learn_chiller
+from fdd.service.baselines.fitting import fit_site, read_span
+from fdd.service.baselines.identify import IdentifyError
+from fdd.service.baselines.versions import accept, in_force
+from fdd.service.daemon.checkpoint import Checkpoint, decode, encode
+from fdd.service.daemon.daemon import Daemon
+from fdd.service.daemon.ready import ready_engine
+from fdd.service.engine.engine import Engine, EngineError, Outputs
+from fdd.service.monitoring.chillers import Chillers
+from fdd.service.site.errors import UsageError
+from fdd.service.site.feed import Feed
+from fdd.service.site.site_context import SiteContext, open_site
+from fdd.service.verbs.check import check_all
+from fdd.service.verbs.chiller_study import study_site
+from fdd.service.verbs.replay import ReplayResult, replay_site
+from fdd.service.verbs.reporting import site_info
+from fdd.store.opening import open_store
+from fdd.store.store import StoreConfig
 from tests.service.conftest import Truth, baselines, plan
 
 DAY = 86_400 * 10**9
@@ -126,19 +128,19 @@ class Lab:
     """A site with a baseline in force, its plan and its whole stream."""
 
     path: Path
-    opened: Opened
+    context: SiteContext
     baseline: FittedChiller
     stream: Batch
 
     def engine(self) -> Engine:
-        return Engine(self.opened.plan, {"lab": self.baseline.baseline})
+        return Engine(self.context.plan, {"lab": self.baseline.baseline})
 
 
 def lab(folder: Path, rise: float) -> Lab:
     path = write_site(folder, rise)
     baseline = fitted(path)
-    opened = open_site(path)
-    feed = Feed(opened.site)
+    context = open_site(path)
+    feed = Feed(context.site)
     feed.open()
     parts = list(feed.batches())
     feed.close()
@@ -150,7 +152,7 @@ def lab(folder: Path, rise: float) -> Lab:
         np.concatenate([b.quality for b in parts]),
     )
     assert all(b.names == parts[0].names for b in parts)
-    return Lab(path, opened, baseline, stream)
+    return Lab(path, context, baseline, stream)
 
 
 @pytest.fixture(scope="module")
@@ -272,10 +274,10 @@ def test_absurd_readings_cost_their_own_day_only(fouled: Lab, outputs: Outputs) 
 
 
 def test_a_chiller_that_fails_is_counted_and_the_others_do_not_notice(fouled: Lab, outputs: Outputs) -> None:
-    chiller = fouled.opened.plan.chillers[0]
+    chiller = fouled.context.plan.chillers[0]
     # Nothing in a site file can make a chiller fail; a price that is no number, past every check, does.
     broken = replace(chiller, name="broken", config=replace(chiller.config, name="broken", price="none"))
-    pair = replace(fouled.opened.plan, chillers=(broken, chiller))
+    pair = replace(fouled.context.plan, chillers=(broken, chiller))
     own = fouled.baseline.baseline
     engine = Engine(pair, {"lab": own, "broken": replace(own, component="broken")})
     got = engine.step(fouled.stream)
@@ -306,7 +308,7 @@ def test_a_new_baseline_starts_the_charts_afresh(fouled: Lab) -> None:
     at = int(np.searchsorted(fouled.stream.time, START + (ONSET + 14) * DAY))
     engine.step(fouled.stream.slice(0, at))
     state = engine.export_state()["chillers"]
-    same, other = (Chillers(fouled.opened.plan, {"lab": b}) for b in (own, replace(own, version=2)))
+    same, other = (Chillers(fouled.context.plan, {"lab": b}) for b in (own, replace(own, version=2)))
     same.restore_state(state)
     other.restore_state(state)
     assert not same.is_normal("lab")
@@ -315,13 +317,13 @@ def test_a_new_baseline_starts_the_charts_afresh(fouled: Lab) -> None:
 
 def test_the_state_of_a_site_without_the_chiller_is_refused(fouled: Lab) -> None:
     with pytest.raises(EngineError, match="start afresh"):
-        Engine(fouled.opened.plan, {}).restore_state(fouled.engine().export_state())
+        Engine(fouled.context.plan, {}).restore_state(fouled.engine().export_state())
 
 
 def test_a_baseline_that_does_not_fit_the_declaration_is_refused(fouled: Lab) -> None:
     b: Baseline = fouled.baseline.baseline
     with pytest.raises(UsageError, match="fdd fit SITE DATA --only lab"):
-        Engine(fouled.opened.plan, {"lab": replace(b, diagnostics={})})
+        Engine(fouled.context.plan, {"lab": replace(b, diagnostics={})})
 
 
 def test_check_counts_what_became_of_the_samples(fouled: Lab) -> None:
@@ -353,8 +355,8 @@ def test_the_study_says_the_same_and_writes_its_page(fouled: Lab, tmp_path: Path
 
 def run_daemon(site: Lab, state: Path, batches: int | None = None) -> None:
     """Run the site's own file through the daemon, stopping dead after some batches."""
-    store, checkpoint, feed = site.opened.store(), Checkpoint(state), Feed(site.opened.site)
-    daemon = Daemon(ready_engine(site.opened), store, checkpoint, save_every=500)
+    store, checkpoint, feed = site.context.store(), Checkpoint(state), Feed(site.context.site)
+    daemon = Daemon(ready_engine(site.context), store, checkpoint, save_every=500)
     if batches is not None:
         left = iter(range(batches))
         daemon._watch = lambda _: feed.stop() if next(left, None) is None else None
@@ -371,10 +373,10 @@ def test_the_daemon_and_the_replay_say_the_same_and_the_report_tells_it(fouled: 
     run_daemon(fouled, tmp_path / "state.sqlite", batches=2)
     run_daemon(fouled, tmp_path / "state.sqlite")
     (told,) = replayed(fouled).alarms.values()
-    store = fouled.opened.store(read_only=True)
+    store = fouled.context.store(read_only=True)
     (kept,) = store.list("alarm")
     assert kept == alarm_to_document(told)
-    page = write_report(store, site_info(fouled.opened), tmp_path / "report.html").read_text()
+    page = write_report(store, site_info(fouled.context), tmp_path / "report.html").read_text()
     store.close()
     text = re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", page)))
     for words in (
@@ -395,11 +397,11 @@ def test_the_daemon_and_the_replay_say_the_same_and_the_report_tells_it(fouled: 
 def test_what_cannot_be_identified_is_said_with_its_reason_and_its_power_is_watched(
     fouled: Lab, tmp_path: Path
 ) -> None:
-    whole, site = fouled.opened.plan, site_info(fouled.opened)
+    whole, site = fouled.context.plan, site_info(fouled.context)
     # Two weeks of healthy data under a gate that wants 30 days.
     strict = replace(whole.chillers[0], config=replace(whole.chillers[0].config, gate=GateLimits(days=30)))
     short_plan = replace(whole, chillers=(strict,))
-    short = learn_chiller(short_plan, strict, read_span(fouled.opened, None, date_of(14)))
+    short = learn_chiller(short_plan, strict, read_span(fouled.context, None, date_of(14)))
     assert short.baseline.diagnostics["level"] == "power residual only"
     assert any("14 days of baseline" in w for w in short.warnings)
     store = open_store(StoreConfig.of({"kind": "sqlite", "path": tmp_path / "short.sqlite", "site": "short"}))
@@ -418,16 +420,16 @@ def test_what_cannot_be_identified_is_said_with_its_reason_and_its_power_is_watc
 
 
 def test_a_history_without_steady_points_has_no_baseline(fouled: Lab) -> None:
-    opened = fouled.opened
-    history = read_span(opened, None, date_of(0.02))
+    context = fouled.context
+    history = read_span(context, None, date_of(0.02))
     with pytest.raises(IdentifyError, match="lab"):
-        learn_chiller(opened.plan, opened.plan.chillers[0], history)
+        learn_chiller(context.plan, context.plan.chillers[0], history)
 
 
 def test_filters_do_not_notice_a_chiller_beside_them(fouled: Lab, healthy: Truth) -> None:
     alone = plan()
-    chiller = fouled.opened.plan.chillers[0]
-    points = (*alone.points, *fouled.opened.plan.points)
+    chiller = fouled.context.plan.chillers[0]
+    points = (*alone.points, *fouled.context.plan.points)
     both = replace(alone, points=points, chillers=(replace(chiller, when=None),))
     beside = Engine(both, {**baselines(), "lab": fouled.baseline.baseline})
     assert [w.name for w in beside.watched] == ["south", "north", "lab"]
@@ -445,23 +447,23 @@ def test_a_chiller_has_its_place_in_the_plant(fouled: Lab, tmp_path: Path) -> No
   hall:
     model: zone
     inputs: {T_out: T_cdi, I_solar: enabled, P_heat: power}
-    outputs: {T_in: T_chi}
+    outputs: {T_room: T_chi}
     upstream: [lab]
 """
     path = tmp_path / "site.yaml"
     path.write_text(SITE.replace("  enabled: {unit: on/off}", "  enabled: {unit: W/m2}").replace(
         "    when: enabled > 0.5\n", "    upstream: [tower]\n"
     ) + cooled + cooled.replace("hall", "tower").replace("[lab]", "[]"))  # fmt: skip
-    opened = open_site(path)
-    place = {c.name: c.upstream for c in opened.plan.watched}
+    context = open_site(path)
+    place = {c.name: c.upstream for c in context.plan.watched}
     assert place == {"hall": {"lab"}, "tower": set(), "lab": {"tower"}}
-    book = Engine(opened.plan, {}).alarms
+    book = Engine(context.plan, {}).alarms
     (rung,) = [a for a in replayed(fouled).alarms.values() if a.component == "lab"]
-    ring = Ring("hall", "hall/T_in:cusum", None, rung.raised, {"statistic": 9.0, "points": []})
+    ring = Ring("hall", "hall/T_room:cusum", None, rung.raised, {"statistic": 9.0, "points": []})
     chiller = Ring("lab", rung.charts[0], None, rung.raised, {**rung.evidence, "points": []})
     states = {a.component: a.state for a in [*book.ring(rung.raised, [ring]), *book.ring(rung.raised + DAY, [chiller])]}
     assert states == {"hall": AlarmState.SUPPRESSED, "lab": AlarmState.RAISED}
-    tower = Ring("tower", "tower/T_in:cusum", None, rung.raised, {"statistic": 9.0, "points": []})
+    tower = Ring("tower", "tower/T_room:cusum", None, rung.raised, {"statistic": 9.0, "points": []})
     book.ring(rung.raised + 2 * DAY, [tower])
     assert {a.component: a.state for a in book.open} == {
         "tower": AlarmState.RAISED, "lab": AlarmState.SUPPRESSED, "hall": AlarmState.SUPPRESSED

@@ -17,13 +17,13 @@ from benchmarks.drifting_room import DAY, POINTS, START, Course, plan, simulate
 from fdd.config import load_site
 from fdd.config.load import parse_site
 from fdd.records import NANOSECONDS, AlarmState, Batch, Sample
-from fdd.service.alarms import Command, Ring
-from fdd.service.checkpoint import Checkpoint
-from fdd.service.commands import DONE, key_of, submit
-from fdd.service.daemon import Daemon
-from fdd.service.engine import Engine
-from fdd.service.operate import command, read_alarms
-from fdd.service.status import read_status
+from fdd.service.alarms.book import Command, Ring
+from fdd.service.daemon.checkpoint import Checkpoint
+from fdd.service.daemon.commands import DONE, key_of, submit
+from fdd.service.daemon.daemon import Daemon
+from fdd.service.engine.engine import Engine
+from fdd.service.verbs.operate import command, read_alarms
+from fdd.service.verbs.status import read_status
 from fdd.store.sqlite import SqliteStore
 from ingest.zenoh import OperatorOptions, ZenohOptions, ZenohPublisher
 from ingest.zenoh.session import ask, open_session

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdd.records import NANOSECONDS, AlarmState, Batch, Rows
-from fdd.service.alarms import Command, alarm_to_document
-from fdd.service.checkpoint import decode, encode
-from fdd.service.engine import Engine, EngineError, Outputs
+from fdd.service.alarms.book import Command, alarm_to_document
+from fdd.service.daemon.checkpoint import decode, encode
+from fdd.service.engine.engine import Engine, EngineError, Outputs
 from tests.service.conftest import START, STEP, Truth, baselines, plan, simulate
 
 DAY = 288
@@ -51,7 +51,7 @@ def test_fault_is_alarmed_on_its_component_alone(faulty: Truth) -> None:
     onset = START + 7 * DAY * STEP * NANOSECONDS
     assert onset < alarm.raised < onset + DAY * STEP * NANOSECONDS
     assert abs(alarm.since - onset) < 0.5 * DAY * STEP * NANOSECONDS
-    assert alarm.evidence["charts"]["south/T_in:cusum"]["direction"] == -1
+    assert alarm.evidence["charts"]["south/T_room:cusum"]["direction"] == -1
 
 
 def test_healthy_fortnight_raises_no_alarm_and_innovations_are_standard(healthy: Truth) -> None:
@@ -82,7 +82,7 @@ def test_missing_output_silences_its_chart_only_while_it_is_missing(faulty: Trut
     e = engine()
     outputs = e.step(Truth(faulty.time, points).batch())
     charts = rows_of(outputs, "charts")
-    south = charts.names.index("south/T_in:cusum")
+    south = charts.names.index("south/T_room:cusum")
     phase = charts.fields["phase"][charts.series == south]
     assert set(phase[DAY + 1 : 2 * DAY - 1]) == {0}
     assert {a.component for a in outputs.alarms} == {"south"}
@@ -101,11 +101,11 @@ def test_infinite_and_absurd_values_neither_stop_the_engine_nor_reach_the_other_
     points["south.heat"][600] = 1e300
     outputs = engine().step(Truth(healthy.time, points).batch())
     predictions = rows_of(outputs, "predictions")
-    north = predictions.series == predictions.names.index("north/T_in")
+    north = predictions.series == predictions.names.index("north/T_room")
     clean = rows_of(engine().step(healthy.batch()), "predictions")
     assert (
         predictions.fields["predicted"][north].tobytes()
-        == clean.fields["predicted"][clean.series == clean.names.index("north/T_in")].tobytes()
+        == clean.fields["predicted"][clean.series == clean.names.index("north/T_room")].tobytes()
     )
     assert {a.component for a in outputs.alarms} <= {"south"}
 
@@ -162,7 +162,7 @@ def test_step_over_lost_inputs_is_not_judged(healthy: Truth) -> None:
     lost = ~np.isfinite(np.stack([points[n] for n in ("south.heat", "outside", "sun")])).all(axis=0)
     outputs = engine().step(Truth(healthy.time, points).batch())
     predictions = rows_of(outputs, "predictions")
-    south = predictions.series == predictions.names.index("south/T_in")
+    south = predictions.series == predictions.names.index("south/T_room")
     after = healthy.time[1:][lost[:-1] & ~lost[1:]]
     judged = predictions.fields["innovation"][south][np.isin(predictions.time[south], after)]
     assert len(judged) > 100
@@ -176,7 +176,7 @@ def test_innovations_are_standard_after_an_input_moved_unseen(healthy: Truth) ->
     heat[moved] = np.nan
     outputs = engine().step(Truth(healthy.time, points).batch())
     predictions = rows_of(outputs, "predictions")
-    south = predictions.series == predictions.names.index("south/T_in")
+    south = predictions.series == predictions.names.index("south/T_room")
     innovation = predictions.fields["innovation"][south]
     judged = [np.isin(predictions.time[south], healthy.time[moved[:-1] + later]) for later in (2, 3, 4)]
     for which in judged:
@@ -202,7 +202,7 @@ def test_a_diagnosis_that_fails_is_counted_and_loses_no_alarm(faulty: Truth, mon
         raise np.linalg.LinAlgError("Matrix is not positive definite")
 
     told = Engine(plan(), baselines()).step(faulty.batch()).alarms
-    monkeypatch.setattr("fdd.service.engine.diagnose", fails)
+    monkeypatch.setattr("fdd.service.engine.engine.diagnose", fails)
     engine = Engine(plan(), baselines())
     got = engine.step(faulty.batch()).alarms
     assert [(a.key, a.state, a.raised) for a in got] == [(a.key, a.state, a.raised) for a in told]

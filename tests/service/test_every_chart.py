@@ -13,11 +13,11 @@ import pytest
 
 from fdd.records import NANOSECONDS, Baseline, Batch
 from fdd.residual_monitors.chart import Phase
-from fdd.service.charting import FAMILIES
-from fdd.service.engine import Engine, Outputs
-from fdd.service.plan import Derived, Plan
+from fdd.service.engine.engine import Engine, Outputs
+from fdd.service.monitoring.charting import FAMILIES
+from fdd.service.site.plan import Derived, Plan
 from tests.service.conftest import Truth, plan, simulate
-from tests.service.test_health_and_still import watched
+from tests.service.test_health_and_flatline import watched
 
 DAY = 288
 LEARNING, DAYS = 10, 15
@@ -65,7 +65,7 @@ def test_engine_under_test_carries_a_chart_of_every_family(long: Truth, known: d
     for family in FAMILIES:
         assert any(family.carried(g, c) for g in groups for c in g.components), family
     kinds = {name.rpartition(":")[2] for name in charted(outputs)}
-    assert kinds == {"cusum", "score", "still", "autocorrelation", "periodogram", "dispersion"}
+    assert kinds == {"cusum", "score", "flatline", "autocorrelation", "periodogram", "dispersion"}
     assert len(site.components) == 2
 
 

@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 
 from benchmarks.drifting_room import POINTS, START, Course, simulate
-from fdd.service.experiments import propose
-from fdd.service.fitting import fit_site
+from fdd.service.baselines.fitting import fit_site
+from fdd.service.verbs.experiments import propose
 from tests.service.room_site import DAY_NS, SITE
 
 QUIET = Console(quiet=True)
@@ -45,7 +45,7 @@ def test_the_page_has_every_test_and_the_days_after(room: Path, tmp_path: Path) 
     assert {"autocorrelation", "Ljung-Box", "cumulated periodogram", "lag dependence", "residual against", "normality",
             "variance", "cross-validation", "time constant"} <= tests  # fmt: skip
     for kind in ("one step", "simulation"):
-        statistic, limit, *_ = rows["cross-validation", f"T_in {kind}"]
+        statistic, limit, *_ = rows["cross-validation", f"T_room {kind}"]
         assert 0 < float(statistic) <= float(limit)  # nothing changes in the room
 
 

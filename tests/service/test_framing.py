@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdd.records import NANOSECONDS, Batch, Quality, Sample
-from fdd.service.framing import CONFIRMATIONS, Framer
+from fdd.service.filtering.framing import CONFIRMATIONS, Framer
 
 SECOND = NANOSECONDS
 

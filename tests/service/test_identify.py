@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks import whole_engine
 from fdd.records import NANOSECONDS
-from fdd.service.history import read_history, runs
-from fdd.service.identify import honest_spread, identify
+from fdd.service.baselines.history import read_history, runs
+from fdd.service.baselines.identify import honest_spread, identify
 from tests.service.conftest import Truth, plan, simulate
 
 WEEK = 2016

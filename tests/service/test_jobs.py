@@ -11,9 +11,9 @@ import pytest
 
 from benchmarks.drifting_room import POINTS, START, Course, simulate
 from fdd.records import Batch
-from fdd.service.history import History
-from fdd.service.opened import open_site
-from fdd.service.status import read_status
+from fdd.service.baselines.history import History
+from fdd.service.site.site_context import open_site
+from fdd.service.verbs.status import read_status
 from ingest.zenoh.options import ZenohOptions
 from ingest.zenoh.publisher import ZenohPublisher
 from tests.ports import free_port
@@ -76,7 +76,7 @@ def test_jobs_change_the_baseline_under_way_write_reports_and_fail_without_harm(
     assert stopped["counts"]["accepted"] == len(POINTS) * sent
     assert not any(n for reason, n in stopped["counts"].items() if reason.startswith("restart"))
     store = open_site(site_file).store(read_only=True)
-    times = store.read("predictions", ["room/T_in"])["time"].to_numpy()
+    times = store.read("predictions", ["room/T_room"])["time"].to_numpy()
     store.close()
     # The first frame starts the filter and the last is still open; every one between has its prediction.
     assert len(times) == sent - 2

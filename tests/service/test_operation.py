@@ -15,12 +15,12 @@ import pytest
 
 from benchmarks.drifting_room import Course
 from fdd.records import NANOSECONDS
-from fdd.service import metrics as metrics_module
-from fdd.service import systemd
-from fdd.service.metrics import MetricsServer, exposition
-from fdd.service.opened import open_site
-from fdd.service.schedule import Job, JobRunner, Schedule, jobs_of
-from fdd.service.status import read_status
+from fdd.service.daemon import metrics as metrics_module
+from fdd.service.daemon import systemd
+from fdd.service.daemon.metrics import MetricsServer, exposition
+from fdd.service.daemon.schedule import Job, JobRunner, Schedule, jobs_of
+from fdd.service.site.site_context import open_site
+from fdd.service.verbs.status import read_status
 from tests.ports import free_port
 from tests.service.room_site import daemon, make_site, until
 
@@ -90,8 +90,8 @@ def test_a_job_runs_when_due_once_and_says_how_it_ended(tmp_path: Path) -> None:
 
 def test_a_site_file_asks_for_jobs(tmp_path: Path) -> None:
     extra = 'reidentify: {every: 2 d, at: "03:15", window: 21 d, approval: true}\nreports: {every: weekly, pdf: true}\n'
-    opened = make_site(tmp_path, Course(8), 1, learning_days=7, extra=extra)
-    first, second = jobs_of(opened.site, tmp_path / "site.yaml")
+    context = make_site(tmp_path, Course(8), 1, learning_days=7, extra=extra)
+    first, second = jobs_of(context.site, tmp_path / "site.yaml")
     assert (first.schedule.every, first.schedule.at) == (2, (3, 15))
     assert first.arguments[-1] == "--propose"
     assert "21" in first.arguments

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from fdd.records import Baseline, Batch, Rows
-from fdd.service.baselines import accept, roll_back
-from fdd.service.checkpoint import Checkpoint, Rebase, decode, encode
-from fdd.service.daemon import Daemon
-from fdd.service.engine import Engine, EngineError, Outputs
+from fdd.service.baselines.versions import accept, roll_back
+from fdd.service.daemon.checkpoint import Checkpoint, Rebase, decode, encode
+from fdd.service.daemon.daemon import Daemon
+from fdd.service.engine.engine import Engine, EngineError, Outputs
 from fdd.store.sqlite import SqliteStore
 from tests.service.conftest import Truth, baselines, plan
 from tests.service.test_engine import verdicts
@@ -24,7 +24,7 @@ DAY = 288
 def moved(share: float = 0.05, **more: object) -> Baseline:
     """The south room's baseline with another thermal resistance, and some colour to be taken out."""
     old = baselines()["south"]
-    innovation = {"T_in": {"mean": 0.02, "sd": 1.05, "ar": [0.1, 0.02], "lag1": 0.1, "samples": 10**9}}
+    innovation = {"T_room": {"mean": 0.02, "sd": 1.05, "ar": [0.1, 0.02], "lag1": 0.1, "samples": 10**9}}
     parameters = {**old.parameters, "R_ia": old.parameters["R_ia"] * (1 + share)}
     return replace(old, version=2, parameters=parameters, innovation=innovation, **more)  # type: ignore[arg-type]
 
@@ -44,12 +44,12 @@ def test_no_frame_is_missed_and_the_other_room_does_not_notice(healthy: Truth) -
     swapped.rebase({"south": moved()})
     found.append(swapped.step(healthy.batch(half)))
     assert swapped.versions == {"south": 2, "north": 1}
-    for measurement, series in (("predictions", "south/T_in"), ("charts", "south/T_in:cusum")):
+    for measurement, series in (("predictions", "south/T_room"), ("charts", "south/T_room:cusum")):
         assert of(found[1], measurement, series).time.tolist() == of(expected[1], measurement, series).time.tolist()
-    z = of(found[1], "predictions", "south/T_in").fields["innovation"]
+    z = of(found[1], "predictions", "south/T_room").fields["innovation"]
     assert np.isfinite(z).all()
     for name in ("charts", "predictions"):
-        series = "north/T_in" if name == "predictions" else "north/R_ia:score"
+        series = "north/T_room" if name == "predictions" else "north/R_ia:score"
         ours, theirs = of(found[1], name, series), of(expected[1], name, series)
         assert all(ours.fields[k].tobytes() == theirs.fields[k].tobytes() for k in ours.fields)
 
@@ -61,8 +61,8 @@ def test_the_new_parameters_are_those_the_filter_predicts_with(healthy: Truth) -
     late.step(healthy.batch(0, half))
     late.rebase({"south": moved()})
     a, b = late.step(healthy.batch(half)), fresh.step(healthy.batch(0))
-    last = of(a, "predictions", "south/T_in")
-    whole = of(b, "predictions", "south/T_in")
+    last = of(a, "predictions", "south/T_room")
+    whole = of(b, "predictions", "south/T_room")
     n = 5 * DAY  # a day and more after the change the two filters have the same memory
     assert last.fields["predicted"][-n:] == pytest.approx(whole.fields["predicted"][-n:], abs=1e-6)
     assert last.fields["sd"][-n:] == pytest.approx(whole.fields["sd"][-n:], rel=1e-6)
@@ -97,12 +97,12 @@ def test_state_carries_its_baselines(healthy: Truth) -> None:
 
 
 def test_limits_follow_how_far_charts_ring_together_and_are_those_of_a_fresh_engine(healthy: Truth) -> None:
-    alike = moved(diagnostics={"score_together": 0.5})
+    alike = moved(diagnostics={"effective_share": 0.5})
     e, fresh = Engine(plan(), baselines()), Engine(plan(), {**baselines(), "south": alike})
     before = e.step(healthy.batch(0, DAY))
     e.rebase({"south": alike})
     after, told = e.step(healthy.batch(DAY, 2 * DAY)), fresh.step(healthy.batch(0, 2 * DAY))
-    for series in ("south/R_ia:score", "south/T_in:cusum"):
+    for series in ("south/R_ia:score", "south/T_room:cusum"):
         old, new, wanted = (of(o, "charts", series).fields["limit"][-1] for o in (before, after, told))
         assert new < old  # fewer charts that ring by themselves: each may ring more often
         assert new == wanted

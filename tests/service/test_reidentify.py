@@ -17,13 +17,13 @@ from benchmarks.drifting_room import START, Course, plan, simulate
 from benchmarks.plant_years import Case, live
 from fdd.diagnosis.gates import Outcome, Policy
 from fdd.records import Baseline
-from fdd.service.baselines import accept, approve, chain, in_force, propose, roll_back, versions
-from fdd.service.candidate import Candidate, consider
-from fdd.service.identify import identify
-from fdd.service.pool import Failure, side_by_side
-from fdd.service.reidentify import reidentify_site
-from fdd.service.versions import change_baseline, list_baselines
-from fdd.service.window import avoided, choose, without
+from fdd.service.baselines.candidate import Candidate, consider
+from fdd.service.baselines.identify import identify
+from fdd.service.baselines.pool import Failure, side_by_side
+from fdd.service.baselines.reidentify import reidentify_site
+from fdd.service.baselines.revisions import change_baseline, list_baselines
+from fdd.service.baselines.versions import accept, approve, chain, in_force, propose, roll_back, versions
+from fdd.service.baselines.window import avoided, choose, without
 from tests.service.room_site import DAY_NS, make_site
 
 QUIET = Console(quiet=True)

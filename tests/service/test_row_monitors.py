@@ -15,12 +15,12 @@ from fdd.config import check_site, parse_site
 from fdd.diagnosis.equipment import Knowledge
 from fdd.models.expectation import Day
 from fdd.records import NANOSECONDS, Alarm, AlarmState, Batch, Sample
-from fdd.service.alarms import alarm_to_document
-from fdd.service.checkpoint import decode, encode
-from fdd.service.engine import Engine, Outputs
-from fdd.service.fitting import fit_site
-from fdd.service.plan import Plan, plan_of
-from fdd.service.replay import replay_site
+from fdd.service.alarms.book import alarm_to_document
+from fdd.service.baselines.fitting import fit_site
+from fdd.service.daemon.checkpoint import decode, encode
+from fdd.service.engine.engine import Engine, Outputs
+from fdd.service.site.plan import Plan, plan_of
+from fdd.service.verbs.replay import replay_site
 from tests.diagnosis.air_days import STEP, Plant, air_day
 
 DAY = 86400
@@ -125,7 +125,7 @@ def test_equipment_that_fails_is_counted_and_goes_on(monkeypatch: pytest.MonkeyP
     def fails(*_: object) -> None:
         raise ZeroDivisionError("a day that nobody thought of")
 
-    monkeypatch.setattr("fdd.service.row_monitors.judge_day", fails)
+    monkeypatch.setattr("fdd.service.monitoring.row_monitors.judge_day", fails)
     engine = Engine(plan(), {})
     engine.step(batch([(LEAK, 14.0)]))
     engine.flush()

@@ -18,9 +18,9 @@ from fdd.plant.faults import DAY, PlantFault
 from fdd.plant.scenario import Scenario
 from fdd.plant.site import plant_source
 from fdd.residual_monitors.chart import Phase
-from fdd.service.alarms import iso
-from fdd.service.demo import Prepared, prepare, publish, start_daemon
-from fdd.service.opened import open_site
+from fdd.service.alarms.book import iso
+from fdd.service.site.site_context import open_site
+from fdd.service.verbs.demo import Prepared, prepare, publish, start_daemon
 
 LEARNING_DAYS = 6.0
 
@@ -37,7 +37,7 @@ def verdicts_of_run(prepared: Prepared, folder: Path, kills: list[float]) -> lis
     """Stream everything into a daemon that is killed after each of these seconds; every verdict it left, as lines."""
     shutil.copytree(prepared.site_file.parent, folder)
     site_file = folder / prepared.site_file.name
-    own = replace(prepared, site_file=site_file, opened=open_site(site_file))
+    own = replace(prepared, site_file=site_file, context=open_site(site_file))
     with publish(own):
         for seconds in kills:
             daemon = start_daemon(own)
@@ -51,7 +51,7 @@ def verdicts_of_run(prepared: Prepared, folder: Path, kills: list[float]) -> lis
 
 def stored_verdicts(prepared: Prepared) -> list[str]:
     """What the store holds, one line a verdict, in the form of `fdd replay --verdicts`."""
-    store = prepared.opened.store(read_only=True)
+    store = prepared.context.store(read_only=True)
     table = store.read("charts")
     alarms = store.list("alarm")
     store.close()

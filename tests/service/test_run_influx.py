@@ -19,8 +19,8 @@ from ruamel.yaml import YAML
 
 from fdd.plant.faults import DAY, PlantFault
 from fdd.plant.scenario import Scenario
-from fdd.service.demo import TOPIC, Prepared, prepare, start_daemon
-from fdd.service.opened import open_site
+from fdd.service.site.site_context import open_site
+from fdd.service.verbs.demo import TOPIC, Prepared, prepare, start_daemon
 from fdd.store.transfer import migrate
 from ingest.zenoh.options import ZenohOptions
 from ingest.zenoh.publisher import ZenohPublisher
@@ -81,8 +81,8 @@ def own_site(prepared: Prepared, influxd: Influxd, folder: Path) -> Prepared:
     site["store"] = {"kind": "influx", "url": influxd.url, "org": ORG, "bucket": influxd.new_bucket()}
     site["store"] |= {"token_env": "FDD_TEST_TOKEN"}
     yaml.dump(site, site_file)
-    own = replace(prepared, site_file=site_file, opened=open_site(site_file))
-    source, target = prepared.opened.store(read_only=True), own.opened.store(read_only=True)
+    own = replace(prepared, site_file=site_file, context=open_site(site_file))
+    source, target = prepared.context.store(read_only=True), own.context.store(read_only=True)
     migrate(source, target)
     source.close()
     target.close()
@@ -129,7 +129,7 @@ def run(prepared: Prepared, influxd: Influxd, folder: Path, disturbed: Callable[
     own = own_site(prepared, influxd, folder)
     with ZenohPublisher(ZenohOptions(listen=(own.endpoint,)), TOPIC, cache=len(own.batches) + 10) as out:
         disturbed(Stream(own, out))
-    store = own.opened.store(read_only=True)
+    store = own.context.store(read_only=True)
     tables = {name: store.read(name) for name in MEASUREMENTS}
     alarms = [json.dumps(a, sort_keys=True) for a in store.list("alarm")]
     accepted = float(store.read("counts", ["engine/accepted"])["value"].iloc[-1])
@@ -158,7 +158,7 @@ def test_a_server_that_was_away_has_the_rows_of_an_undisturbed_run(
         stream.send(0.3, 3.0)
         influxd.kill()
         stream.send(0.4, away)
-        with closing(sqlite3.connect(stream.site.opened.state_folder / "spool" / "spool.sqlite")) as spool:
+        with closing(sqlite3.connect(stream.site.context.state_folder / "spool" / "spool.sqlite")) as spool:
             waiting.append(int(spool.execute("select sum(rows) from pending").fetchone()[0] or 0))
         influxd.start()
         stream.send(0.1, 2.0)

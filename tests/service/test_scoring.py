@@ -12,13 +12,13 @@ from fdd.cli import app
 from fdd.plant.faults import DAY, PlantFault
 from fdd.plant.scenario import Scenario, simulate
 from fdd.plant.site import demo_site
-from fdd.service.baselines import accept
-from fdd.service.errors import UsageError
-from fdd.service.feed import Feed
-from fdd.service.history import read_history
-from fdd.service.identify import identify
-from fdd.service.opened import open_site
-from fdd.service.scoring import read_labels
+from fdd.service.baselines.history import read_history
+from fdd.service.baselines.identify import identify
+from fdd.service.baselines.versions import accept
+from fdd.service.site.errors import UsageError
+from fdd.service.site.feed import Feed
+from fdd.service.site.site_context import open_site
+from fdd.service.verbs.scoring import read_labels
 
 LEARNING = 6.0
 HEAD = "component,fault,start,end,severity\n"
@@ -34,14 +34,14 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
     data = folder / "history.csv"
     simulate(scenario).to_csv(data, date_format="%Y-%m-%dT%H:%M:%SZ")
     site_file = demo_site(folder, sources=[{"kind": "csv", "path": data.name}], scenario=scenario)
-    opened = open_site(site_file)
-    feed = Feed(opened.site)
+    context = open_site(site_file)
+    feed = Feed(context.site)
     feed.open()
-    history, _ = read_history(opened.plan, list(feed.batches()))
+    history, _ = read_history(context.plan, list(feed.batches()))
     feed.close()
     end = scenario.first + round(LEARNING * DAY) * 10**9
-    store = opened.store()
-    accept(store, identify(opened.plan, opened.plan.components[0], history.between(None, end))[0])
+    store = context.store()
+    accept(store, identify(context.plan, context.plan.components[0], history.between(None, end))[0])
     store.close()
     labels = folder / "labels.csv"
     labels.write_text(HEAD + "hx,fouling,2024-10-15T00:00Z,2024-10-18T00:00Z,0.3\n")

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from benchmarks.drifting_room import DAY, POINTS, START, Course, plan, simulate
 from fdd.records import NANOSECONDS, Alarm, Batch, Sample
-from fdd.service.engine import Engine
-from fdd.service.identify import identify
+from fdd.service.baselines.identify import identify
+from fdd.service.engine.engine import Engine
 
 LEARNING, DAYS = 14, 26
 ORDER = ("low", "medium", "high")

@@ -9,12 +9,12 @@ import pytest
 
 from fdd.records import NANOSECONDS, Baseline
 from fdd.residual_monitors.budget import YEAR
-from fdd.service.charting import FAMILIES, _budgets
-from fdd.service.filters import FilterGroup
-from fdd.service.plan import Plan
-from fdd.service.still_charts import STILL
+from fdd.service.filtering.filters import FilterGroup
+from fdd.service.monitoring.charting import FAMILIES, _budgets
+from fdd.service.monitoring.flatline_charts import FLATLINE
+from fdd.service.site.plan import Plan
 from tests.service.conftest import plan, simulate
-from tests.service.test_health_and_still import watched
+from tests.service.test_health_and_flatline import watched
 
 DAY, LEARNING = 288, 10
 
@@ -44,7 +44,7 @@ def gridded(b: Baseline) -> Baseline:
     still = {
         "readings": 2880, "runs": 1440, "longest": 9, "tail": 6, "exceed": 20, "excess": 20, "low": 15.0, "high": 25.0
     }  # fmt: skip
-    return replace(b, diagnostics={**b.diagnostics, "still": dict.fromkeys(("T_in", "T_a"), still)})
+    return replace(b, diagnostics={**b.diagnostics, "flatline": dict.fromkeys(("T_room", "T_a"), still)})
 
 
 def test_charts_that_cannot_ring_leave_their_share_to_those_of_their_component(known: dict[str, Baseline]) -> None:
@@ -53,12 +53,12 @@ def test_charts_that_cannot_ring_leave_their_share_to_those_of_their_component(k
     assert sum(found.values()) == pytest.approx(60.0)
     assert found["south"] == pytest.approx(found["north"])
     # Outside is a sine that no gateway rounds: no chart of frozen readings has anything to spend.
-    assert [STILL.used(c, known[c.name], 1e5) for c in site.components] == [0.0, 0.0]
+    assert [FLATLINE.used(c, known[c.name], 1e5) for c in site.components] == [0.0, 0.0]
 
     mixed, other = promised(site, {**known, "north": gridded(known["north"])})
     assert sum(mixed.values()) == pytest.approx(60.0)
     assert mixed["south"] == pytest.approx(mixed["north"])
-    assert STILL.used(site.components[1], gridded(known["north"]), 1e5) > 0
+    assert FLATLINE.used(site.components[1], gridded(known["north"]), 1e5) > 0
     for kind, before, after in zip(FAMILIES, budgets, other, strict=True):
         assert after["south"] == before["south"]
         # What north's frozen readings may spend now is taken from its other charts, and from nobody else's.

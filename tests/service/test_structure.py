@@ -12,10 +12,10 @@ from rich.console import Console
 from fdd.greybox.likelihood import Data
 from fdd.greybox.simulate import realise
 from fdd.models.registry import get_model
-from fdd.service.baselines import in_force, versions
-from fdd.service.engine import Engine, EngineError
-from fdd.service.fitting import Fitted, fit_site
-from fdd.service.opened import Opened, open_site
+from fdd.service.baselines.fitting import Fitted, fit_site
+from fdd.service.baselines.versions import in_force, versions
+from fdd.service.engine.engine import Engine, EngineError
+from fdd.service.site.site_context import SiteContext, open_site
 
 QUIET = Console(quiet=True)
 SITE = """
@@ -60,20 +60,20 @@ def site(folder: Path, more: str = "", balance: float = 1.0, days: int = 8) -> P
     return folder / "site.yaml"
 
 
-def fitted(path: Path) -> tuple[Opened, Fitted]:
+def fitted(path: Path) -> tuple[SiteContext, Fitted]:
     (found,) = fit_site(path, None, since=None, until=None, only=None, html=None, starts=1, console=QUIET)
     assert isinstance(found, Fitted)
     return open_site(path), found
 
 
 def test_an_exchanger_at_five_minutes_gets_steady_outlets_and_the_engine_runs_on_them(tmp_path: Path) -> None:
-    opened, found = fitted(site(tmp_path))
+    context, found = fitted(site(tmp_path))
     assert found.baseline.options["dynamics"] == "quasi-steady"
     assert "do not tell its mass" in found.summary()
     assert found.summary().endswith("is in force")
     assert found.result.params["UA"] == pytest.approx(3000.0, rel=0.05)
-    store = opened.store(read_only=True)
-    engine = Engine(opened.plan, in_force(store, ["hx"]))
+    store = context.store(read_only=True)
+    engine = Engine(context.plan, in_force(store, ["hx"]))
     store.close()
     (watched,) = engine.watched
     assert watched.model.symbols["parameters"] == tuple(found.baseline.parameters)  # type: ignore[union-attr]
@@ -81,12 +81,12 @@ def test_an_exchanger_at_five_minutes_gets_steady_outlets_and_the_engine_runs_on
 
 
 def test_whoever_names_compartments_has_chosen(tmp_path: Path) -> None:
-    opened, found = fitted(site(tmp_path, "    options: {compartments: 1}\n", days=3))
+    context, found = fitted(site(tmp_path, "    options: {compartments: 1}\n", days=3))
     assert found.baseline.options["compartments"] == 1
     # Seconds of residence at five minutes: the water's mass cannot be told, and the baseline is not put in force.
     assert found.against
     assert "NOT in force" in found.summary()
-    store = opened.store(read_only=True)
+    store = context.store(read_only=True)
     assert in_force(store, ["hx"]) == {}
     assert [b.diagnostics["proposed"] for b in versions(store, "hx")] == [True]
     store.close()
@@ -110,8 +110,8 @@ def test_a_plate_value_is_a_prior_and_a_limit(tmp_path: Path) -> None:
 
 
 def test_another_variant_is_not_put_under_running_filters(tmp_path: Path) -> None:
-    opened, found = fitted(site(tmp_path, days=4))
-    engine = Engine(opened.plan, {"hx": found.baseline})
+    context, found = fitted(site(tmp_path, days=4))
+    engine = Engine(context.plan, {"hx": found.baseline})
     other = fitted(site(tmp_path, "    options: {dynamics: quasi-steady, flow_hot: 0.1, flow_cold: 0.2}\n", days=4))[1]
     with pytest.raises(EngineError, match="another variant"):
         engine.rebase({"hx": other.baseline})

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fdd.store.store import StoreConfig, open_store
+from fdd.store.opening import open_store
+from fdd.store.store import StoreConfig
 from tests.store.influxd import ORG, Influxd
 
 pytestmark = pytest.mark.integration
@@ -24,7 +25,7 @@ WRITER = """
 import sys, json
 import numpy as np
 from fdd.records import Rows
-from fdd.store.store import open_store
+from fdd.store.opening import open_store
 store = open_store(json.loads(sys.argv[1]))
 names = tuple(f"c{i}/x:cusum" for i in range(SERIES))
 k = (store.get("state", "engine") or {"next": 0})["next"]

@@ -15,8 +15,8 @@ from ruamel.yaml import YAML
 
 from dashboards import settings
 from dashboards.provisioning import data_source
-from fdd.service import metrics
-from fdd.service.metrics import MetricsServer
+from fdd.service.daemon import metrics
+from fdd.service.daemon.metrics import MetricsServer
 from fdd.store.store import StoreConfig
 from tests.store.influxd import needed_influxd
 

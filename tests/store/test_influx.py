@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fdd.store.influx import InfluxStore
-from fdd.store.store import StoreConfig, StoreError, StoreUnavailableError, open_store
+from fdd.store.opening import open_store
+from fdd.store.store import StoreConfig, StoreError, StoreUnavailableError
 from tests.store.conformance import StoreConformance, rows
 from tests.store.influxd import ORG, Influxd
 

@@ -13,10 +13,11 @@ import pandas as pd
 import pytest
 
 from fdd.records import JsonObject, Rows
+from fdd.store.opening import open_store
 from fdd.store.rows_codec import decode_rows, encode_rows
 from fdd.store.spool import SpooledStore, SpoolStatus
 from fdd.store.sqlite import SqliteStore
-from fdd.store.store import StoreConfig, StoreError, StoreUnavailableError, open_store
+from fdd.store.store import StoreConfig, StoreError, StoreUnavailableError
 from tests.store.conformance import T0, StoreConformance, rows
 from tests.store.influxd import ORG, Influxd
 

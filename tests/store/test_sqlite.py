@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 
 from fdd.records import Rows
+from fdd.store.opening import open_store
 from fdd.store.sqlite import SqliteStore
-from fdd.store.store import Store, StoreConfig, StoreError, StoreUnavailableError, open_store
+from fdd.store.store import Store, StoreConfig, StoreError, StoreUnavailableError
 from tests.store.conformance import T0, StoreConformance, rows
 
 

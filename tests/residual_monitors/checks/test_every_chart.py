@@ -29,7 +29,7 @@ def assert_finite(chart: Chart) -> None:
 def test_registry_holds_the_charts_of_the_promise() -> None:
     assert {
         "autocorrelation", "cusum", "dispersion", "drift", "ewma", "glr", "mewma", "nis", "periodogram", "score",
-        "shewhart", "still",
+        "shewhart", "flatline",
     } <= set(KINDS)  # fmt: skip
     with pytest.raises(ValueError, match=r"there is no chart 'cosum'; there are .*cusum"):
         registry.make("cosum", [100.0])
@@ -49,7 +49,7 @@ def test_false_alarms_come_at_the_designed_rate_with_missing_values(kind: str) -
 @pytest.mark.slow
 def test_false_alarms_come_at_the_designed_rate_where_budgets_live(kind: str) -> None:
     """A chart of three months between false alarms at 5 min, with the settings it ships with."""
-    units = 700 if kind == "still" else 500  # readings that rest are not judged: more of them for as many alarms
+    units = 700 if kind == "flatline" else 500  # readings that rest are not judged: more of them for as many alarms
     assert_rate(kind, missing=0.1, units=units, arl=26_000.0, steps=52_000, options={})
 
 
@@ -174,7 +174,7 @@ def test_constant_and_saturated_values_leave_a_sound_chart(kind: str) -> None:
 def test_stuck_at_zero_is_no_alarm_but_to_the_charts_of_spread_and_stillness(kind: str) -> None:
     chart = build(kind, 2)
     said = run(chart, np.zeros_like(draw(default_rng(0), kind, 500, 2)))
-    assert np.all((said[-1, 0] == Phase.ALARM) == (kind in ("nis", "dispersion", "still")))
+    assert np.all((said[-1, 0] == Phase.ALARM) == (kind in ("nis", "dispersion", "flatline")))
 
 
 @every_chart

@@ -1,0 +1,1 @@
+"""Baselines: identified, judged by gates, kept by version, identified anew."""

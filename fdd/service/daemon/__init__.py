@@ -1,0 +1,1 @@
+"""The daemon: the engine as a process, its checkpoint, doors and jobs."""

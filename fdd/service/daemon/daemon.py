@@ -1,0 +1,345 @@
+"""The daemon: a source, the engine, a store, and what makes a crash harmless.
+
+The loop is the imperative shell around the :class:`~fdd.service.engine.engine.Engine`: journal a batch, step the
+engine, write the outputs, and every so often save the state together with the source's position.
+"""
+
+from __future__ import annotations
+
+import os
+import time as clock
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import structlog
+
+from fdd.records import NANOSECONDS, Batch, JsonObject, Rows
+from fdd.service.alarms.book import AlarmError, Command, alarm_to_document
+from fdd.service.baselines.versions import in_force, versions_in_force
+from fdd.service.daemon.checkpoint import Checkpoint, Rebase
+from fdd.service.daemon.commands import DONE, Desk, StoredCommands
+from fdd.service.daemon.metrics import MetricsServer
+from fdd.service.daemon.schedule import JobRunner
+from fdd.service.daemon.systemd import Watchdog
+from fdd.service.engine.engine import Engine, EngineError, Outputs
+from fdd.service.site.feed import Feed
+from fdd.store.spool import SpooledStore, spool_rows
+from fdd.store.store import Store
+
+log = structlog.get_logger()
+
+# An operator waits no longer than this for a command to be seen.
+POLL_SECONDS = 1.0
+STATUS_SECONDS = 10.0
+# New baselines are rare, and looking costs a read of every pointer.
+BASELINE_SECONDS = 5.0
+
+
+def resident_bytes() -> int:
+    """Resident memory of this process; 0 where the system does not tell."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (OSError, IndexError):
+        return 0
+
+
+def _rates(budget: JsonObject) -> dict[str, float]:
+    """The realised rate with its interval, and the promised one, for the dashboards."""
+    alarms = budget.get("alarms")
+    own = {"realised": alarms["per_year"], "low": alarms["low"], "high": alarms["high"]} if alarms else {}
+    return {**own, "promised": budget["promised_per_year"]}
+
+
+class Daemon:
+    """Runs one site until its source ends or it is told to stop.
+
+    Parameters
+    ----------
+    save_every : frames between two checkpoints
+    watch : called after every batch, for progress and health
+    now : wall clock in seconds, injected so that tests need not wait
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        store: Store,
+        checkpoint: Checkpoint,
+        *,
+        save_every: int = 100,
+        watch: Callable[[Daemon], None] | None = None,
+        now: Callable[[], float] = clock.time,
+        jobs: JobRunner | None = None,
+        metrics: MetricsServer | None = None,
+        desk: Desk | None = None,
+    ) -> None:
+        self.engine, self._store, self._checkpoint = engine, store, checkpoint
+        self._save_every, self._watch, self._now = save_every, watch, now
+        self._position: JsonObject = {}
+        self._commands, self._desk = StoredCommands(), desk
+        self._unsaved = 0
+        self._polled = 0.0
+        self._compared = 0.0
+        self._jobs, self._metrics = jobs, metrics
+        self._watchdog = Watchdog()
+        self._told = 0.0
+        self._job_failures = 0
+        self._rate = (now(), 0)
+        self.reload: Callable[[Daemon], bool] | None = None
+        self.reload_wanted = False
+        self._refused: set[tuple[str, int]] = set()
+        self._feed: Feed | None = None
+        self.samples = 0
+        self.frames = 0
+
+    def recover(self) -> JsonObject:
+        """Restore the last state, step again through what was journaled since, return the source's position."""
+        state = self._checkpoint.load()
+        if state is not None:
+            self.engine.restore_state(state["engine"])
+            self._position = state["position"]
+            self._commands.restore_state(state["commands"])
+            self.samples, self.frames = state["samples"], state["frames"]
+            if self._jobs:
+                self._jobs.restore(state.get("jobs", {}))
+        replayed = 0
+        for entry in self._checkpoint.entries():
+            replayed += 1
+            if isinstance(entry, Batch):
+                self._take(entry)
+            elif isinstance(entry, Rebase):
+                self._rebase(entry)
+            else:
+                self._obey(entry)
+        if state is not None or replayed:
+            log.info("recovered", journal_entries=replayed, position=self._position)
+        return self._position
+
+    @property
+    def position(self) -> JsonObject:
+        """Where the sources stand after the last batch."""
+        return self._position
+
+    def run(self, feed: Feed) -> bool:
+        """Take batches until the sources end or are stopped; True where new sources are to be opened instead."""
+        self._feed = feed
+        for batch in feed.batches():
+            if len(batch) or batch.position != self._position:
+                self._checkpoint.journal(batch)
+                self._take(batch)
+            self._poll()
+            if self.reload_wanted and self._reload():
+                return True
+            if self._unsaved >= self._save_every:
+                self.save()
+            if self._watch:
+                self._watch(self)
+        return False
+
+    def finish(self) -> None:
+        """The stream has ended for good: close the open frames and save."""
+        self._keep(self.engine.flush())
+        self.save()
+
+    def save(self) -> None:
+        """Save the state with the source's position; the journal starts afresh. Counts go to the store."""
+        self._store_counts()
+        self._checkpoint.save(
+            {
+                "engine": self.engine.export_state(),
+                "position": self._position,
+                "commands": self._commands.export_state(),
+                "samples": self.samples,
+                "frames": self.frames,
+                "jobs": self._jobs.state if self._jobs else {},
+            }
+        )
+        self._unsaved = 0
+
+    def _store_counts(self) -> None:
+        counts = self.engine.counts | (self._feed.counters() if self._feed else {})
+        if self.engine.time is None:
+            return
+        names = tuple(f"engine/{reason}" for reason in counts)
+        n = len(names)
+        self._store.write(
+            Rows(
+                measurement="counts",
+                names=names,
+                series=np.arange(n, dtype=np.int32),
+                time=np.full(n, self.engine.time, dtype=np.int64),
+                fields={"value": np.array(list(counts.values()), dtype=np.float64)},
+            )
+        )
+        self._tell()
+
+    def _take(self, batch: Batch) -> None:
+        outputs = self.engine.step(batch)
+        self._position = batch.position
+        self.samples += len(batch)
+        self._keep(outputs)
+
+    def _keep(self, outputs: Outputs) -> None:
+        self.frames += outputs.frames
+        self._unsaved += outputs.frames
+        if not outputs.rows and not outputs.alarms:
+            return
+        with self._store.transaction():
+            self._store.write(outputs.rows)
+            for alarm in outputs.alarms:
+                self._store.put("alarm", alarm.key, alarm_to_document(alarm))
+        for alarm in outputs.alarms:
+            log.info("alarm", key=alarm.key, state=str(alarm.state), summary=alarm.summary)
+
+    def _poll(self) -> None:
+        """Now and then, look for what others left in the store."""
+        now = self._now()
+        if now - self._polled < POLL_SECONDS:
+            return
+        self._polled = now
+        self._watchdog.alive()
+        if self._metrics:
+            self._metrics.alive()
+        self._poll_commands()
+        if self._jobs and self.engine.time is not None:
+            self._record(self._jobs.tick(self.engine.time))
+        if now - self._told >= STATUS_SECONDS:
+            self._tell()
+        if now - self._compared >= BASELINE_SECONDS:
+            self._compared = now
+            self._poll_baselines()
+
+    def _record(self, ended: list[JsonObject]) -> None:
+        for document in ended:
+            self._job_failures += document["state"] != "done"
+            self._store.put("run", document["key"], document)
+
+    def stop_jobs(self) -> None:
+        """Stop the jobs that are running; they are done again when they are next due."""
+        if self._jobs:
+            self._record(self._jobs.stop())
+
+    def status(self) -> JsonObject:
+        """How the service stands, for ``fdd status``, the metrics and the dashboards."""
+        now, time = self._now(), self.engine.time
+        before, samples = self._rate
+        spool = self._store.status if isinstance(self._store, SpooledStore) else None
+        return {
+            "key": "daemon",
+            "pid": os.getpid(),
+            "wall": now,
+            "samples": self.samples,
+            "frames": self.frames,
+            "samples_per_second": round((self.samples - samples) / max(now - before, 1e-9), 1),
+            "time": time,
+            "lag_seconds": None if time is None else round(now - time / NANOSECONDS, 1),
+            "open_alarms": len(self.engine.alarms.open),
+            "budget": self.engine.realised_rate,
+            "phases": self.engine.phases,
+            "counts": self.engine.counts | (self._feed.counters() if self._feed else {}),
+            "spool_bytes": None if spool is None else spool.pending_bytes,
+            "spool_problem": "" if spool is None else spool.problem,
+            "baselines": self.engine.versions,
+            "jobs_next": self._jobs.state if self._jobs else {},
+            "job_failures": self._job_failures,
+            "rss_bytes": resident_bytes(),
+        }
+
+    def _health(self, status: JsonObject) -> list[Rows]:
+        """The status as rows for the dashboards and their rules, at wall-clock time."""
+        wall = round(status["wall"] * NANOSECONDS)
+        gauges = {
+            "sample_rate": status["samples_per_second"],
+            "lag": status["lag_seconds"],
+            "rss": status["rss_bytes"],
+            **{f"alarms_a_year_{k}": v for k, v in _rates(status["budget"]).items()},
+        }
+        known = {f"service/{name}": float(value) for name, value in gauges.items() if value is not None}
+        rows = Rows(
+            measurement="health",
+            names=tuple(known),
+            series=np.arange(len(known), dtype=np.int32),
+            time=np.full(len(known), wall, dtype=np.int64),
+            fields={"value": np.array(list(known.values()))},
+        )
+        spool = spool_rows(self._store.status, wall) if isinstance(self._store, SpooledStore) else []
+        return [rows, *spool]
+
+    def _tell(self) -> None:
+        status = self.status()
+        self._told = self._now()
+        self._rate = (self._told, self.samples)
+        self._store.put("run", "daemon", status)
+        self._store.write(self._health(status))
+        if self._metrics:
+            self._metrics.publish(status)
+
+    def _reload(self) -> bool:
+        """Read the site file again; True where the sources are others and have to be opened anew."""
+        self.reload_wanted = False
+        return bool(self.reload and self.reload(self))
+
+    def adopt(self, engine: Engine, jobs: JobRunner) -> None:
+        """Go on with another engine, made of a new site file, from the state of the present one.
+
+        Raises
+        ------
+        EngineError
+            The new site has other equipment; the present engine stays.
+        """
+        engine.restore_state(self.engine.export_state())
+        if self._jobs:
+            jobs.restore(self._jobs.state)
+            self.stop_jobs()
+        self.engine, self._jobs = engine, jobs
+        self.save()  # what is journaled belongs to the site as it was
+
+    def _poll_baselines(self) -> None:
+        """Take up baselines that a job or a person has put in force."""
+        running = self.engine.versions
+        pointers = versions_in_force(self._store)
+        wanted = {name: pointers.get(name, version) for name, version in running.items()}
+        changed = [n for n, v in wanted.items() if v != running[n] and (n, v) not in self._refused]
+        if changed:
+            entry = Rebase(tuple(in_force(self._store, changed).values()))
+            self._checkpoint.journal(entry)
+            self._rebase(entry)
+
+    def _rebase(self, entry: Rebase) -> None:
+        for b in entry.baselines:
+            try:
+                self.engine.rebase({b.component: b})
+                log.info("baseline in force", component=b.component, version=b.version, reason=b.reason)
+            except EngineError as error:
+                self._refused.add((b.component, b.version))
+                log.warning("baseline refused", component=b.component, version=b.version, reason=str(error))
+
+    def _poll_commands(self) -> None:
+        for command in self._commands.new(self._store):
+            self._checkpoint.journal(command)
+            self._obey(command)
+        if self._desk:
+            self._desk.serve(round(self._now() * NANOSECONDS), self._alarm_documents, self._carry_out)
+
+    def _carry_out(self, command: Command) -> tuple[str, JsonObject | None]:
+        """Journal a command, obey it, and give the outcome with the alarm as it then stands."""
+        self._checkpoint.journal(command)
+        outcome = self._obey(command)
+        return outcome, self._store.get("alarm", command.alarm)
+
+    def _alarm_documents(self, every: bool) -> list[JsonObject]:
+        if every:
+            return sorted(self._store.list("alarm"), key=lambda a: int(a["raised"]))
+        return [alarm_to_document(a) for a in self.engine.alarms.open]
+
+    def _obey(self, command: Command) -> str:
+        try:
+            self._keep(self.engine.command(command))
+            outcome = DONE
+        except AlarmError as error:
+            log.warning("command refused", **asdict(command), reason=str(error))
+            outcome = f"refused: {error}"
+        self._commands.close(self._store, command, outcome)
+        return outcome

@@ -1,0 +1,25 @@
+"""An engine on the baselines that are in force."""
+
+from __future__ import annotations
+
+from fdd.service.baselines.versions import in_force
+from fdd.service.engine.engine import Engine
+from fdd.service.site.errors import UsageError
+from fdd.service.site.site_context import SiteContext
+
+
+def ready_engine(context: SiteContext) -> Engine:
+    """The site's engine with the baselines in force.
+
+    Raises
+    ------
+    UsageError : no component has a baseline
+    """
+    store = context.store()
+    baselines = in_force(store, context.plan.baseline_names)
+    store.close()
+    if not baselines and not context.plan.equipment:
+        raise UsageError(
+            f"{context.site.name}: no component has a baseline; fit them to a healthy history first: fdd fit SITE DATA"
+        )
+    return Engine(context.plan, baselines)

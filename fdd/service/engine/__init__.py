@@ -1,0 +1,1 @@
+"""The engine: one step from samples to verdicts."""

@@ -1,0 +1,1 @@
+"""From samples to innovations: frames, filters, and what is remembered of the last days."""

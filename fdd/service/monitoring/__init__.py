@@ -1,0 +1,1 @@
+"""What watches: families of charts on filters, chillers, and the budget that they share."""

@@ -1,0 +1,129 @@
+"""``fdd check``: is the site file right, and what is the quality of its data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from fdd.chiller_eiv.steady_state import steady_points
+from fdd.config import Finding, check_site, load_site
+from fdd.records import JsonObject
+from fdd.service.baselines.chiller_fit import chiller_data
+from fdd.service.baselines.history import History, read_history, runs
+from fdd.service.site.feed import Feed
+from fdd.service.site.plan import Chiller
+from fdd.service.site.site_context import SiteContext, open_site
+
+
+@dataclass
+class CheckResult:
+    """Findings about the site, and a table of its points where data were given."""
+
+    site: str
+    findings: list[Finding]
+    points: list[JsonObject] = field(default_factory=list)
+    components: list[JsonObject] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def errors(self) -> list[Finding]:
+        """What must be mended before the site can run."""
+        return [f for f in self.findings if f.severity == "error"]
+
+    def document(self) -> JsonObject:
+        """For machines."""
+        return {
+            "site": self.site,
+            "errors": [str(f) for f in self.errors],
+            "warnings": [str(f) for f in self.findings if f.severity != "error"],
+            "points": self.points,
+            "components": self.components,
+            "counts": self.counts,
+            "notes": self.notes,
+        }
+
+    def print(self, console: Console) -> None:
+        """For people."""
+        for finding in self.findings:
+            console.print(str(finding), highlight=False, markup=False, soft_wrap=True)
+        if self.points:
+            table = Table(*self.points[0], box=None)
+            for row in self.points:
+                table.add_row(*[f"{v:.5g}" if isinstance(v, float) else str(v) for v in row.values()])
+            console.print(table)
+        for row in self.components:
+            console.print(_row_words(row), highlight=False, soft_wrap=True)
+        lost = {k: n for k, n in self.counts.items() if n and k != "accepted"}
+        if lost:
+            console.print("rejected or odd: " + ", ".join(f"{k} {n}" for k, n in lost.items()), highlight=False)
+        for note in self.notes[:10]:
+            console.print(f"  {note}", highlight=False, markup=False)
+        console.print(f"{self.site}: {len(self.errors)} error(s), {len(self.findings) - len(self.errors)} warning(s)")
+
+
+def check_all(site_file: Path, data: Path | None) -> CheckResult:
+    """Check a site file; with data, also what each point holds and how much of it each component can use."""
+    site = load_site(site_file)
+    result = CheckResult(site.name, check_site(site))
+    if data is None or result.errors:
+        return result
+    context = open_site(site_file, data)
+    feed = Feed(context.site)
+    feed.open()
+    history, counts = read_history(context.plan, feed.batches())
+    result.counts, result.notes = counts | feed.counters(), feed.notes()
+    feed.close()
+    result.points = [_point_row(context, history, name) for name in context.plan.columns]
+    result.components = _component_rows(context, history)
+    return result
+
+
+def _point_row(context: SiteContext, history: History, name: str) -> JsonObject:
+    values = history.of((name,))[:, 0]
+    seen = values[np.isfinite(values)]
+    still = float(np.mean(np.diff(seen) == 0)) if len(seen) > 1 else float("nan")
+    return {
+        "point": name,
+        "unit": context.site.units.get(name, "1"),
+        "seen": f"{len(seen) / max(len(values), 1):.1%}",
+        "lowest": float(seen.min()) if len(seen) else float("nan"),
+        "mean": float(seen.mean()) if len(seen) else float("nan"),
+        "highest": float(seen.max()) if len(seen) else float("nan"),
+        "unchanged": f"{still:.0%}",
+    }
+
+
+def _component_rows(context: SiteContext, history: History) -> list[JsonObject]:
+    rows = []
+    for component in context.plan.components:
+        found = runs(context.plan, component, history)
+        usable = sum(len(r.time) for r in found)
+        rows.append({"equipment": component.name, "frames": len(history), "usable frames": usable, "runs": len(found)})
+    return rows + [_chiller_row(context, chiller, history) for chiller in context.plan.chillers]
+
+
+def _chiller_row(context: SiteContext, chiller: Chiller, history: History) -> JsonObject:
+    data = chiller_data(context.plan, chiller, history)
+    limits, rated = chiller.config.steady, chiller.config.rated_load
+    points, report = steady_points(data.time, data.raw, chiller.config.instruments, rated_load=rated, limits=limits)
+    rejected = {k: n for k, n in report.counts().items() if n and k != "kept"}
+    return {
+        "equipment": chiller.name,
+        "frames": len(history),
+        "usable frames": int(points.samples.sum()),
+        "steady points": len(points),
+        "rejected": rejected,
+    }
+
+
+def _row_words(row: JsonObject) -> str:
+    usable = f"{row['equipment']}: {row['usable frames']} of {row['frames']} frames usable"
+    if "runs" in row:
+        return f"{usable}, in {row['runs']} run(s)"
+    rejected = ", ".join(f"{k} {n}" for k, n in row["rejected"].items())
+    return f"{usable}, in {row['steady points']} steady point(s); rejected: {rejected or 'none'}"
