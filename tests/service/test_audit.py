@@ -22,6 +22,9 @@ from fdd.service.engine.engine import Engine
 from fdd.service.site.errors import UsageError
 from fdd.service.verbs.audit import DAY, LOOK, WATCHED, Counter, Kept, pieces, verdict
 from tests.service.room_site import SITE
+from tests.service.test_row_monitors import LEAK
+from tests.service.test_row_monitors import batch as rows_batch
+from tests.service.test_row_monitors import plan as rows_plan
 
 RUNNER = CliRunner()
 LEARNING, DAYS, BUDGET = 21, 35, 2.0
@@ -160,3 +163,17 @@ def test_consequences_are_not_counted_and_do_not_outlive_their_cause(baseline: B
     found = counter.result()
     assert found.consequences >= 1
     assert not [a for a in found.alarms if a["component"] == "next" and a["raised"] > iso(START + 25 * DAY)][1:]
+
+
+def test_equipment_watched_by_rows_counts_as_one_kind_from_its_first_day() -> None:
+    """Twelve days of an air handler whose heating valve leaks, without a baseline; its whole budget is the rows'."""
+    site = rows_plan()
+    assert Engine(site, {}).promised == {("ahu", "rows"): pytest.approx(2.0)}
+    counter = Counter(engine := Engine(site, {}))
+    for piece in pieces(rows_batch([(LEAK, 8.0 + day) for day in range(12)])):
+        counter.take(engine.step(piece))
+    counter.take(engine.flush())
+    found = counter.result()
+    assert set(found.by(lambda p: (p.chart, p.part))) == {("rows", WATCHED)}
+    assert found.whole().alarms == len(found.alarms) >= 2
+    assert found.whole().promised == pytest.approx(2.0 * 12 / 365.25, rel=0.01)

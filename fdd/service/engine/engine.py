@@ -103,9 +103,11 @@ class Engine:
 
     @property
     def promised(self) -> dict[tuple[str, str], float]:
-        """False alarms a year that each component, and each kind of its charts, may give; a chiller's charts as one."""
-        left = (self.plan.promised - self.plan.false_alarms_per_year) / max(1, len(self.plan.chillers))
-        return {**self._charts.promised, **{(c.name, "chiller"): left for c in self._chillers}}
+        """False alarms a year that each component, and each kind of its charts, may give; rows and chillers as one."""
+        rows = {(e.name, "rows"): e.false_alarms_per_year for e in self._rows}
+        left = self.plan.promised - self.plan.false_alarms_per_year - sum(rows.values())
+        chillers = {(c.name, "chiller"): left / len(self.plan.chillers) for c in self._chillers}
+        return {**self._charts.promised, **chillers, **rows}
 
     @property
     def baselines(self) -> Mapping[str, Baseline]:

@@ -277,7 +277,7 @@ class Counter:
             return
         if alarm.key in self._told:
             return
-        chart = kind_of_chart(alarm)
+        chart = self._chart(alarm)
         part = self._part(alarm.component, alarm.raised)
         self._at(Place(alarm.component, chart, part, _month(alarm.raised))).alarms += 1
         told = {
@@ -328,11 +328,19 @@ class Counter:
         self.audit.last = last if self.audit.last is None else max(last, self.audit.last)
 
     def _part(self, component: str, time: int) -> str:
-        baseline = self.audit.baselines[component]
+        baseline = self.audit.baselines.get(component) or self.audit.baselines.get(f"{component}:rows")
+        if baseline is None:  # equipment that rows watch from its first day
+            return WATCHED
         if time <= baseline.end:
             return FITTED
         calibrated = int(baseline.diagnostics.get("probation", {}).get("end", baseline.end))
         return WATCHED if time > calibrated and component in self._ready else PROBATION
+
+    def _chart(self, alarm: Alarm) -> str:
+        """The kind of the chart that rang first; charts of a day's verdicts are promised as one kind."""
+        kind = _owner(alarm.charts[0])[1]
+        whole = [k for k in ("chiller", "rows") if (alarm.component, k) in self._promised]
+        return kind if (alarm.component, kind) in self._promised or not whole else whole[0]
 
     def _at(self, place: Place) -> Kept:
         return self.audit.table.setdefault(place, Kept())
@@ -344,11 +352,6 @@ def _phases(rows: Rows) -> Iterator[tuple[str, IntArray]]:
         phase = rows.fields["phase"][rows.series == i]
         if phase.size:
             yield name, phase
-
-
-def kind_of_chart(alarm: Alarm) -> str:
-    """The kind of the chart that rang first."""
-    return _owner(alarm.charts[0])[1]
 
 
 def _owner(chart: str) -> tuple[str, str]:
