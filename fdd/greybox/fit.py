@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fdd.greybox import codegen
-from fdd.greybox.likelihood import Data, DataError, Likelihood
+from fdd.greybox.likelihood import Data, Likelihood
+from fdd.greybox.record_faults import DataError
 from fdd.greybox.results import FitResult, Trial
 from fdd.greybox.scale import ParameterError, Prior, chain, from_scale, scale_bounds, scale_unit, to_scale
 from fdd.greybox.trust import Optimum, minimise

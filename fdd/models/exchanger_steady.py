@@ -10,7 +10,8 @@ Both sides of equal plates have equal films at the reference flows, the usual on
 plates: flows that are read with errors would make any other of it. ``w`` is what viscosity, uneven flow and the law
 leave; it fades away within hours, so that lasting changes are those of ``UA``. ``balance`` is the share of its reading
 by which the hot flow fits the heat that the cold side takes up. Meters resolve a flow to so many kg/s (pulses): an
-error of a flow shows in both outlets, the more the smaller the flow is.
+error of a flow shows in both outlets, the more the smaller the flow is. Where a flow is a small share of the usual one
+water stands, and outlets say next to nothing.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from fdd.models.functions import absolute, exp, forward, log, minimum, sqrt, whe
 
 ATLAS = "VDI Heat Atlas, C1"
 LEAST_SHARE = 0.01  # of the reference flow: below it water stands
+SLOW = 0.05  # of the reference flow: at so little water has stayed long enough to be at any temperature
 STEP = 0.1  # relative change of a flow by which its effect on the outlets is found
 
 
@@ -76,16 +78,18 @@ class SteadyExchanger:
         return {"T_hot_out": hot, "T_cold_out": cold}
 
     def noise(self, x: Namespace, u: Namespace, p: Namespace) -> Mapping[str, Any]:
-        """Errors of the outlets' sensors, and what errors of the flows make of the outlets."""
+        """Errors of the outlets' sensors, what errors of the flows make of them, and water that stands."""
         hot, cold = self.flows(u)
         here = self.outlets(hot, cold, u, self.transfer(hot, cold, p))
         by_hot = self.outlets(hot * (1.0 + STEP), cold, u, self.transfer(hot * (1.0 + STEP), cold, p))
         by_cold = self.outlets(hot, cold * (1.0 + STEP), u, self.transfer(hot, cold * (1.0 + STEP), p))
+        slow = (SLOW * self.flow_hot / hot) ** 2 + (SLOW * self.flow_cold / cold) ** 2
+        still = slow * (u.T_hot_in - u.T_cold_in)
         own, out = (p.noise_hot, p.noise_cold), []
         for k in range(2):
             from_hot = (by_hot[k] - here[k]) / STEP * (p.meter_hot / hot)
             from_cold = (by_cold[k] - here[k]) / STEP * (p.meter_cold / cold)
-            out.append(sqrt(own[k] * own[k] + from_hot * from_hot + from_cold * from_cold))
+            out.append(sqrt(own[k] * own[k] + from_hot * from_hot + from_cold * from_cold + still * still))
         return {"T_hot_out": out[0], "T_cold_out": out[1]}
 
 
