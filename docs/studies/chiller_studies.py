@@ -9,12 +9,14 @@ import csv
 import gzip
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from fdd.chiller_eiv.baseline import clusters_of
 from fdd.chiller_eiv.config import ChillerConfig
 from fdd.chiller_eiv.eir_curves import EirCurves
 from fdd.chiller_eiv.errors import Instrumentation, SensorError
@@ -22,13 +24,14 @@ from fdd.chiller_eiv.estimators import Estimator, estimate
 from fdd.chiller_eiv.fit import fit_gordon_ng
 from fdd.chiller_eiv.forms import DIVISION_FREE, FRACTIONAL, Form
 from fdd.chiller_eiv.gate import gate
-from fdd.chiller_eiv.model import ChillerError, power_sensitivity
+from fdd.chiller_eiv.model import ChillerError
 from fdd.chiller_eiv.moments import Method, regression_terms, sum_moments
-from fdd.chiller_eiv.power_residual import DAY, DailyMonitor, choose_power_model, daily_medians, learn_reference
 from fdd.chiller_eiv.simulate import LAB_CHILLER, LAB_SIGMA, design
 from fdd.chiller_eiv.steady_state import SteadyLimits
 from fdd.chiller_eiv.study import ChillerData, StudyResult, study
 from fdd.chiller_eiv.study_report import write_html
+from fdd.chiller_eiv.vector import DAY, learn_vector
+from fdd.chiller_eiv.watch import VectorMonitor
 
 HERE = Path(__file__).resolve().parent
 SHARED = Path(os.environ.get("FDD_SHARED", HERE.parents[2] / "shared")) / "data"
@@ -192,14 +195,14 @@ VSD = ChillerConfig(
     ),
     condenser_flow="measured",
     speed="by load",
-    # Five-minute trends and a cycling tower: the residual chart is content with looser windows than the parameters.
+    # Five-minute trends and a cycling tower: steady states are compared in looser windows than parameters are fitted.
     steady=SteadyLimits(window=1800, least_temperature_sd=0.15, least_relative_sd=0.02, temperature_slope=2.0),
     baseline_days=45.0,
 )
 
 
 def variable_speed(folder: Path) -> None:
-    """The gate, the residual chart's alarms over 45 days, and two synthetic faults in the second half."""
+    """The gate, and the chart of steady states in four splits of the record, healthy and with synthetic faults."""
     data = variable_speed_data()
     three = study(data, ChillerConfig("three parameters", VSD.rated_load, VSD.instruments, baseline_days=45.0))
     print("default windows, three parameters:", three.report.counts())
@@ -207,80 +210,39 @@ def variable_speed(folder: Path) -> None:
     print(three.calibration)
     result = study(data, VSD)
     write_html(result, folder / "chiller-variable-speed.html")
-    print("looser windows:", result.report.counts(), result.baseline.power.form.name, result.baseline.power.spread)
+    print("looser windows:", result.report.counts(), f"power within {100 * result.baseline.vector.power_cv:.1f} %")
     print(result.decision.sentence())
     print(result.verdict)
-    _faults(result, data, folder)
+    _splits(result)
 
 
-def _faults(result: StudyResult, data: ChillerData, folder: Path) -> None:
-    half = int((int(data.time[0]) + int(data.time[-1])) // 2)
-    figure = Figure(figsize=(8, 6.4), layout="constrained")
-    panels = figure.subplots(2, 2, sharex=True, sharey="row")
-    for column, whole in enumerate((True, False)):
-        for name in (CLEAN, "power +5 %", "R +15 %", "condenser half of R +15 %"):
-            label = f"baseline on {'all days' if whole else 'the first half'}: {name}"
-            days, medians, statistic, limit = _chart(result, half, name, whole)
-            _say(label, days, statistic, limit, half)
-            shown = (days - int(data.time[0])) / DAY
-            panels[0, column].plot(shown, 100 * medians, "o-", ms=3, label=name)
-            panels[1, column].plot(shown, statistic, "o-", ms=3, label=name)
-        panels[0, column].set_title(f"baseline on {'all days' if whole else 'the first half'}", fontsize=9)
-        panels[1, column].axhline(limit, color="k", lw=0.8)
-        panels[1, column].set_xlabel("day")
-        for row in (0, 1):
-            panels[row, column].axvline((half - int(data.time[0])) / DAY, color="k", lw=0.8, ls=":")
-    panels[0, 0].set_ylabel("daily median of the power residual [%]")
-    panels[1, 0].set_ylabel("CUSUM [sd]")
-    panels[0, 0].legend(fontsize=8)
-    figure.savefig(folder / "chiller-variable-speed.png", dpi=80)
+FAULTS = {CLEAN: {}, "power +5 %": {"power": 1.05}, "power +10 %": {"power": 1.10}, "flow -10 %": {"flow_ch": 0.9}}
+"""Readings that are multiplied in the half that is watched."""
 
 
-def _chart(result: StudyResult, half: int, fault: str, whole: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Days, medians and CUSUM of one case; the chart is reset at the half, where a technician would have looked."""
-    points, candidates = result.points, result.config.prediction_forms()
-    train = np.ones(len(points), dtype=bool) if whole else points.time <= half
-    tables = {f.name: points.regressors(result.config.instruments, f.measured)[0] for f in candidates}
-    model = choose_power_model([(f, tables[f.name][train]) for f in candidates], points.days()[train])
-    x = tables[model.form.name]
-    days, medians = daily_medians(result.points.time[train], model.residual(x[train]))
-    reference = learn_reference(medians, 0.003)
-    later = result.points.time > half
-    x = x.copy()
-    if fault.startswith("power"):
-        x[later, 3] *= 1.05
-    elif fault != CLEAN:
-        extra = _resistance_power(result, x[later], 0.5 if fault.startswith("condenser") else 1.0)
-        print(f"{fault}: power +{100 * float(np.mean(extra / x[later, 3])):.1f} % on average")
-        x[later, 3] += extra
-    days, medians = daily_medians(result.points.time, model.residual(x))
-    monitor = DailyMonitor(reference, result.config.residual_false_alarms, result.baseline.availability)
-    first = int(np.argmax(days > half))
-    statistic = []
-    for i, (t, v) in enumerate(zip(days, medians, strict=True)):
-        if i == first:
-            monitor.reset()
-        statistic.append(monitor.update(int(t), float(v)).statistic)
-    return days, medians, np.array(statistic), float(monitor.chart.limit[0])
-
-
-def _resistance_power(result: StudyResult, x: np.ndarray, share: float) -> np.ndarray:
-    """Extra power of +15 % of a share of the heat-exchanger resistance, through the three-parameter model."""
-    machine = fit_gordon_ng(*result.points.regressors(result.config.instruments)).chiller()
-    sensitivity = power_sensitivity(x[:, 2], x[:, 0], x[:, 1], machine)[:, 5]
-    return np.asarray(sensitivity * 0.15 * share * machine.R)
-
-
-def _say(label: str, days: np.ndarray, statistic: np.ndarray, limit: float, half: int) -> None:
-    above = days[statistic > limit]
-    before, after = above[above <= half], above[above > half]
-    start = days[days > half][0]
-    print(f"{label}: limit {limit:.2f}; alarm in the first half: {len(before) > 0};", end=" ")
-    if len(after):
-        running = int((days[days > half] <= after[0]).sum())
-        print(f"in the second half after {running} days with points ({(after[0] - start) / DAY + 1:.0f} days)")
-    else:
-        print("none in the second half")
+def _splits(result: StudyResult) -> None:
+    """Learn one half of the running days, watch the other; alarms are cleared at once, so that none hides another."""
+    clusters = clusters_of(result.points, result.config, round(result.baseline.steady.window * 1e9))
+    day = clusters.start // DAY
+    days = np.unique(day)
+    half, odd = day < days[len(days) // 2], np.searchsorted(days, day) % 2 == 1
+    for split, learned in {"first half": half, "second half": ~half, "even days": ~odd, "odd days": odd}.items():
+        vector = learn_vector(clusters.select(np.flatnonzero(learned)), result.config.instruments, VSD.rated_load)
+        print(
+            f"learned on the {split}: {', '.join(vector.layout.features)}; {'; '.join(vector.notes) or 'all watched'}"
+        )
+        for fault, factors in FAULTS.items():
+            monitor, found = VectorMonitor(vector, VSD.residual_false_alarms), []
+            for i in np.flatnonzero(~learned):
+                one = clusters.select(np.array([i]))
+                raw = {k: v * factors.get(k, 1.0) for k, v in one.raw.items()}
+                verdict = monitor.update(replace(one, raw=raw))
+                if verdict.finding is not None:
+                    found.append(f"{verdict.finding.named.cause or 'no name'} after {monitor.judged} judged")
+                    monitor.reset()
+            running = len(np.unique(day[~learned]))
+            share = f"{monitor.judged} of {monitor.seen} states judged, {running} days"
+            print(f"  {fault}: {share}; {len(found)} alarms: {found[:1]}")
 
 
 def main() -> None:

@@ -7,28 +7,16 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from fdd.chiller_eiv.checks import SERIES, ApproachModel, available_series, fit_approach
+from fdd.chiller_eiv.clusters import Clusters, cluster
 from fdd.chiller_eiv.config import ChillerConfig
 from fdd.chiller_eiv.drift import WEEK, DriftBaseline, fit_baseline
-from fdd.chiller_eiv.forms import Form
 from fdd.chiller_eiv.gate import GateDecision, Level, gate
-from fdd.chiller_eiv.model import ChillerError, GordonNg
-from fdd.chiller_eiv.power_residual import (
-    DAY,
-    PowerModel,
-    Reference,
-    choose_power_model,
-    daily_medians,
-    learn_reference,
-)
-from fdd.chiller_eiv.steady_state import SteadyPoints
-from fdd.records import FloatArray, JsonObject
+from fdd.chiller_eiv.model import ChillerError
+from fdd.chiller_eiv.steady_state import SteadyLimits, SteadyPoints, SteadyReport, steady_points, steady_quantities
+from fdd.chiller_eiv.vector import VectorBaseline, learn_vector
+from fdd.records import NANOSECONDS, FloatArray, IntArray, JsonObject
 
-POWER = "power residual"
-"""Name of the power residual's series, beside those of ``checks.SERIES``."""
-
-_FLOOR = {POWER: 0.003, **dict.fromkeys(SERIES, 0.03)}
-"""Least day-to-day standard deviation believed: 0.3 % of power, 0.03 K."""
+SCHEMA = 2
 
 
 @dataclass(frozen=True)
@@ -40,14 +28,14 @@ class ChillerBaseline:
     start, end : span of the points it was learned from [ns]
     points : their number
     level, reasons : the gate's answer
-    estimate, se : parameters by name, SI; for information
-    power : expected power
-    references : daily reference by series
-    approaches : approach lines by series
+    estimate, se : parameters that may be believed, by name, SI; those that were declined are not among them
+    vector : expected steady states, power among them
+    steady : limits of steady state
+    period : sampling period [s]
+    tested : quantities that must be steady
     drift : weekly parameter charts' baseline; None where the gate or the length forbids them
     drift_note : why there is none, or what self-calibration said
     balance : heat balance errors of the baseline's points
-    availability : share of days with points
     """
 
     start: int
@@ -57,128 +45,180 @@ class ChillerBaseline:
     reasons: tuple[str, ...]
     estimate: Mapping[str, float]
     se: Mapping[str, float]
-    power: PowerModel
-    references: Mapping[str, Reference]
-    approaches: Mapping[str, ApproachModel] = field(default_factory=dict)
+    vector: VectorBaseline
+    steady: SteadyLimits
+    period: float
+    tested: tuple[str, ...]
     drift: DriftBaseline | None = None
     drift_note: str = ""
     balance: FloatArray = field(default_factory=lambda: np.zeros(0))
-    availability: float = 1.0
 
     def export_state(self) -> JsonObject:
         """Plain data: JSON scalars, lists and numpy arrays."""
         return {
-            "schema": 1,
-            **{k: getattr(self, k) for k in ("start", "end", "points", "level", "drift_note", "availability")},
+            "schema": SCHEMA,
+            **{k: getattr(self, k) for k in ("start", "end", "points", "level", "drift_note", "period")},
             "reasons": list(self.reasons),
+            "tested": list(self.tested),
             "estimate": dict(self.estimate),
             "se": dict(self.se),
-            "power": {"form": self.power.form.name, "machine": asdict(self.power.machine), "spread": self.power.spread},
-            "references": {k: asdict(v) for k, v in self.references.items()},
-            "approaches": {k: asdict(v) for k, v in self.approaches.items()},
+            "vector": self.vector.export_state(),
+            "steady": {**asdict(self.steady), "noise": dict(self.steady.noise)},
             "drift": None if self.drift is None else self.drift.export_state(),
             "balance": self.balance,
         }
 
     @classmethod
     def of_state(cls, state: JsonObject, config: ChillerConfig) -> ChillerBaseline:
-        """From what ``export_state`` gave; the forms come from the configuration.
+        """From what ``export_state`` gave.
 
         Raises
         ------
-        ChillerError : the saved form is not among the configuration's
+        ChillerError : it is another version's, or was learned with another rated load
         """
-        if state.get("schema") != 1:
+        if state.get("schema") != SCHEMA:
             raise ChillerError(
-                f"chiller baseline has schema {state.get('schema')!r}, this version reads 1: learn it anew"
+                f"chiller baseline has schema {state.get('schema')!r}, this version reads {SCHEMA}: learn it anew"
             )
-        forms: dict[str, Form] = {f.name: f for f in config.prediction_forms()}
-        name = state["power"]["form"]
-        if name not in forms:
-            raise ChillerError(f"the saved baseline uses form {name!r}, the configuration allows {', '.join(forms)}")
-        machine = GordonNg(**state["power"]["machine"])
-        plain = {k: state[k] for k in ("start", "end", "points", "level", "drift_note", "availability")}
+        vector = VectorBaseline.of_state(state["vector"])
+        if vector.layout.rated_load != config.rated_load:
+            raise ChillerError(
+                f"the baseline was learned with a rated load of {vector.layout.rated_load:g} W, the declaration says "
+                f"{config.rated_load:g} W: learn it anew"
+            )
         return cls(
-            **plain,
+            **{k: state[k] for k in ("start", "end", "points", "level", "drift_note", "period")},
             reasons=tuple(state["reasons"]),
+            tested=tuple(state["tested"]),
             estimate=dict(state["estimate"]),
             se=dict(state["se"]),
-            power=PowerModel(forms[name], machine, float(state["power"]["spread"]), int(state["points"])),
-            references={k: Reference(**v) for k, v in state["references"].items()},
-            approaches={k: ApproachModel(**v) for k, v in state["approaches"].items()},
+            vector=vector,
+            steady=SteadyLimits(**state["steady"]),
             drift=None if state["drift"] is None else DriftBaseline.of_state(state["drift"]),
             balance=np.asarray(state["balance"], dtype=float),
         )
 
-    def series(self, points: SteadyPoints, config: ChillerConfig) -> dict[str, FloatArray]:
-        """The watched series of these points: relative power residual and approach residuals [K], shape (n,) each."""
-        x, _ = points.regressors(config.instruments, self.power.form.measured)
-        out = {POWER: self.power.residual(x)}
-        for name, model in self.approaches.items():
-            if available(name, points):
-                out[name] = model.residual(points.raw, x[:, 2])
-        return out
+    def expected_power(self, points: SteadyPoints, config: ChillerConfig) -> FloatArray:
+        """Power that the healthy machine takes at the drivers of these points [W], shape (n,); NaN where not judged."""
+        raw = with_load(points, config)
+        layout = self.vector.layout
+        own = {k: raw.get(k, np.full(len(points), np.nan)) for k in {*raw, *layout.readings, *layout.drivers}}
+        extra = self.vector.residual(own)[:, layout.features.index("power")]
+        power = points.raw["power"] - layout.auxiliary
+        return np.asarray(np.where(self.vector.judged(own), power * np.exp(-extra), np.nan))
 
 
-def available(series: str, points: SteadyPoints) -> bool:
-    """Whether a series' two quantities are among the points'."""
-    warm, cold, _ = SERIES[series]
-    return warm in points.raw and cold in points.raw
+def with_load(points: SteadyPoints, config: ChillerConfig) -> dict[str, FloatArray]:
+    """The points' readings and their load [W]."""
+    x, _ = points.regressors(config.instruments)
+    return {**points.raw, "load": x[:, 2]}
 
 
-def learn_baseline(points: SteadyPoints, config: ChillerConfig) -> tuple[ChillerBaseline, GateDecision]:
+def clusters_of(points: SteadyPoints, config: ChillerConfig, length: int) -> Clusters:
+    """Clusters of steady points whose windows have this length [ns]."""
+    return cluster(points, with_load(points, config)["load"], length, config.rated_load)
+
+
+def learn_baseline(
+    points: SteadyPoints,
+    config: ChillerConfig,
+    *,
+    steady: SteadyLimits | None = None,
+    period: float = 300.0,
+    tested: tuple[str, ...] | None = None,
+) -> tuple[ChillerBaseline, GateDecision]:
     """Learn a chiller's baseline from the steady points of a healthy period.
+
+    Parameters
+    ----------
+    steady, period, tested : how the points were made; by default as the declaration says
 
     Raises
     ------
-    ChillerError : too few points or days to predict even the power
+    ChillerError : too few points or clusters
     """
+    steady = steady or config.steady
     if not len(points):
         raise ChillerError(f"chiller {config.name!r}: no steady points; see the report of rejected samples")
     x, cov = points.regressors(config.instruments, config.form().measured)
-    days = points.days()
-    decision = gate(x, cov, days, options=config.fit_options(), limits=config.gate, leak=config.leak)
-    drift, note = _drift(points, x, cov, decision, config)
-    forms = [(f, points.regressors(config.instruments, f.measured)[0]) for f in config.prediction_forms()]
-    power = choose_power_model(forms, days)
-    load = x[:, 2]
-    approaches = {k: fit_approach(k, points.raw, load) for k in available_series(points.raw)}
-    span = max((int(points.time[-1]) - int(points.time[0])) / DAY, 1.0)
-    draft = ChillerBaseline(
-        start=int(points.time[0]),
-        end=int(points.time[-1]),
-        points=len(points),
-        level=decision.level.value,
-        reasons=decision.reasons,
-        estimate=decision.fit.values(),
-        se=dict(zip(decision.fit.parameters, map(float, decision.fit.se), strict=True)),
-        power=power,
-        references={},
-        approaches=approaches,
-        drift=drift,
-        drift_note=note,
-        balance=points.balance[np.isfinite(points.balance)],
-        availability=float(np.clip((days.max() + 1) / (span + 1), 0.05, 1.0)),
+    window = round(max(3, round(steady.window / period)) * period * NANOSECONDS)
+    vector = learn_vector(clusters_of(points, config, window), config.instruments, config.rated_load)
+    decision = gate(
+        x,
+        cov,
+        points.days(),
+        options=config.fit_options(),
+        limits=config.gate,
+        leak=config.leak,
+        scale=config.instruments.scales(),
     )
-    references = {
-        k: learn_reference(daily_medians(points.time, v)[1], _FLOOR[k]) for k, v in draft.series(points, config).items()
-    }
-    return _with(draft, references), decision
+    drift, note = _drift(points.time // WEEK, x, cov, decision, config)
+    believed = decision.level is not Level.RESIDUAL
+    return (
+        ChillerBaseline(
+            start=int(points.time[0]),
+            end=int(points.time[-1]),
+            points=len(points),
+            level=decision.level.value,
+            reasons=decision.reasons,
+            estimate=decision.fit.values() if believed else {},
+            se=dict(zip(decision.fit.parameters, map(float, decision.se()), strict=True)) if believed else {},
+            vector=vector,
+            steady=steady,
+            period=period,
+            tested=tested or config.instruments.needed(),
+            drift=drift,
+            drift_note=note,
+            balance=points.balance[np.isfinite(points.balance)],
+        ),
+        decision,
+    )
 
 
-def _with(draft: ChillerBaseline, references: Mapping[str, Reference]) -> ChillerBaseline:
-    return ChillerBaseline(**{**{k: getattr(draft, k) for k in draft.__dataclass_fields__}, "references": references})
+def learn_from_samples(
+    time: IntArray, raw: Mapping[str, FloatArray], config: ChillerConfig, end: int | None = None
+) -> tuple[ChillerBaseline, GateDecision, SteadyPoints, SteadyReport]:
+    """Learn a baseline from raw samples, with steady-state limits that fit them.
+
+    Parameters
+    ----------
+    end : of the healthy period [ns]; by default all of it is healthy
+
+    Returns
+    -------
+    The baseline and the gate's answer, and the steady points of all samples with the fate of every sample
+
+    Raises
+    ------
+    ChillerError : no steady points, or too few; the text counts what was rejected
+    """
+    healthy = time <= (time[-1] if end is None else end)
+    learned_from = {k: v[healthy] for k, v in raw.items()}
+    steady = config.steady_for(time[healthy], learned_from)
+    points, report = steady_points(time, raw, config.instruments, rated_load=config.rated_load, limits=steady)
+    rejected = ", ".join(f"{k} {n}" for k, n in report.counts().items() if n)
+    try:
+        baseline, decision = learn_baseline(
+            points.select(points.time <= time[healthy][-1]),
+            config,
+            steady=steady,
+            period=report.period,
+            tested=steady_quantities(learned_from, config.instruments),
+        )
+    except ChillerError as error:
+        raise ChillerError(f"{error}; samples by reason: {rejected}") from None
+    return baseline, decision, points, report
 
 
 def _drift(
-    points: SteadyPoints, x: FloatArray, cov: FloatArray, decision: GateDecision, config: ChillerConfig
+    week: IntArray, x: FloatArray, cov: FloatArray, decision: GateDecision, config: ChillerConfig
 ) -> tuple[DriftBaseline | None, str]:
     if decision.level is Level.RESIDUAL:
         return None, "parameters are not charted: " + decision.sentence()
     values = decision.fit.values()
     held = {k: v for k, v in values.items() if k not in ("dS", "R")}
     try:
-        baseline = fit_baseline(x, cov, points.time // WEEK, held, form=config.form(), options=config.drift)
+        baseline = fit_baseline(x, cov, week, held, form=config.form(), options=config.drift)
     except ChillerError as e:
         return None, f"parameters are not charted weekly yet: {e}"
     return baseline, baseline.note

@@ -1,9 +1,8 @@
-"""What must be ruled out before "fouling" is said, and what extra sensors add.
+"""What must be ruled out before "fouling" is said, and the words for what was found.
 
 A water flow that reads 5 % low looks exactly like an 11 % rise of the heat-exchanger resistance, so the heat balance
-Q_cd = Q + E is looked at first. Condenser and evaporator approach and subcooling, where refrigerant temperatures are
-measured, tell the sides apart and see small faults that the power residual cannot (laboratory faults of 10 to 14 %
-severity move it by 1 % or less).
+Q_cd = Q + E is looked at first. The steady states' vectors (``vector.py``), where more is measured, tell the sides
+apart and see small faults that power cannot: laboratory faults of 10 to 14 % severity move it by 1 % or less.
 """
 
 from __future__ import annotations
@@ -14,18 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdd.chiller_eiv.drift import Isolation
-from fdd.chiller_eiv.model import ChillerError
+from fdd.chiller_eiv.vector import FEATURES, VectorBaseline
+from fdd.chiller_eiv.watch import VectorFinding
 from fdd.records import FloatArray
 
 BALANCE_TOLERANCE = 0.02
 """Change of the heat balance's error that is worth a look at the meters [1]."""
-
-SERIES: Mapping[str, tuple[str, str, str]] = {
-    "condenser approach": ("T_sat_cd", "T_cdo", "condenser"),
-    "evaporator approach": ("T_cho", "T_sat_ev", "evaporator"),
-    "subcooling": ("T_sat_cd", "T_liquid", "refrigerant charge"),
-}
-"""Series by name: the warmer and the colder quantity, and the side it speaks of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,54 +65,6 @@ def check_balance(before: FloatArray, now: FloatArray) -> SensorCheck:
     return SensorCheck(True, change, se, suspicious, note)
 
 
-@dataclass(frozen=True, slots=True)
-class ApproachModel:
-    """A temperature difference and how it goes with load while healthy: intercept [K] and slope [K/W]."""
-
-    series: str
-    intercept: float
-    slope: float
-
-    def residual(self, raw: Mapping[str, FloatArray], load: FloatArray) -> FloatArray:
-        """Measured less expected difference [K], shape (n,)."""
-        return approach(self.series, raw) - self.intercept - self.slope * load
-
-
-def approach(series: str, raw: Mapping[str, FloatArray]) -> FloatArray:
-    """One of ``SERIES`` [K], shape (n,)."""
-    warm, cold, _ = SERIES[series]
-    return np.asarray(raw[warm] - raw[cold])
-
-
-def available_series(raw: Mapping[str, FloatArray]) -> tuple[str, ...]:
-    """Names of the series whose quantities are measured."""
-    return tuple(
-        k for k, (w, c, _) in SERIES.items() if w in raw and c in raw and np.isfinite(raw[w] - raw[c]).sum() >= 10
-    )
-
-
-def fit_approach(series: str, raw: Mapping[str, FloatArray], load: FloatArray) -> ApproachModel:
-    """Line through a baseline's points by robust least squares.
-
-    Raises
-    ------
-    ChillerError : fewer than ten points
-    """
-    value = approach(series, raw)
-    keep = np.isfinite(value) & np.isfinite(load)
-    if keep.sum() < 10:
-        raise ChillerError(f"{series}: {int(keep.sum())} points are too few for a baseline; 10 are needed")
-    v, q = value[keep], load[keep]
-    A = np.column_stack([np.ones(len(q)), q / q.mean()])
-    w = np.ones(len(q))
-    b: FloatArray = np.zeros(2)
-    for _ in range(20):
-        b = np.asarray(np.linalg.lstsq(A * w[:, None], v * w, rcond=None)[0], dtype=np.float64)
-        r = v - A @ b
-        w = 1 / np.maximum(1.0, np.abs(r) / (2 * max(1.4826 * float(np.median(np.abs(r))), 1e-6)))
-    return ApproachModel(series, float(b[0]), float(b[1] / q.mean()))
-
-
 @dataclass(frozen=True)
 class Finding:
     """What a technician is told.
@@ -127,101 +72,170 @@ class Finding:
     Attributes
     ----------
     sentence : the finding in one sentence
-    cause : name of the most likely cause
+    cause : name of the most likely cause or group of causes; ``not known`` where the evidence names none
     probability : of it among the explanations compared; None where none were
-    checks : what to check, first one first
+    checks : what to check, first what decides most
+    ranked : single causes with their probabilities, where they were compared
     """
 
     sentence: str
     cause: str
     probability: float | None
     checks: tuple[str, ...]
+    ranked: tuple[tuple[str, float], ...] = ()
 
 
-def diagnose(
-    isolation: Isolation, since: str, sensors: SensorCheck, sides: Mapping[str, float] | None = None
-) -> Finding:
-    """Words for a drift: which parameter, how much, which side, and what to rule out first.
+NOT_KNOWN = "not known"
+
+RESISTANCE_CHECKS = (
+    "flow meter",
+    "condenser water flow and strainer",
+    "chilled-water flow",
+    "condenser tubes (fouling)",
+    "non-condensable gas",
+    "evaporator tubes",
+    "refrigerant charge",
+)
+LOSS_CHECKS = (
+    "power meter and auxiliaries on it",
+    "refrigerant charge and non-condensables",
+    "compressor, oil, bypass valve",
+)
+SENSOR_CHECKS = ("flow meter", "chilled-water temperature sensors")
+LESS = {
+    "R": "heat exchangers cleaner, more water through them, or a meter that reads otherwise than before",
+    "dS": "less loss than when it was learned: a repair, less on the meter, or a meter that reads otherwise",
+}
+"""What a parameter that went down may mean; no fault makes a machine better."""
+
+
+def diagnose(isolation: Isolation, since: str, sensors: SensorCheck) -> Finding:
+    """Words for a drift of the parameters: which, how much, and what to rule out first.
 
     Parameters
     ----------
     isolation : of the parameter charts
     since : the onset, as text
     sensors : heat balance since then
-    sides : alarmed approach series and their change [K], if any
     """
-    sides = sides or {}
-    direction = "up" if isolation.change > 0 else "down"
+    amount = f"{drift_words(isolation)} since {since}"
+    if sensors.suspicious:
+        return Finding(f"{amount}, as it seems, but {sensors.note}", "sensor", isolation.probability, SENSOR_CHECKS)
+    if isolation.change < 0:
+        cause = "better than when it was learned"
+        text = f"{amount}; {LESS.get(isolation.parameter, 'no fault does this')}; {sensors.note}"
+        return Finding(text, cause, isolation.probability, ("power meter and auxiliaries on it", *SENSOR_CHECKS))
+    if isolation.parameter == "R":
+        first = "check flow meter first" if not sensors.checked else sensors.note
+        return Finding(f"{amount}, {first}", isolation.name, isolation.probability, RESISTANCE_CHECKS)
+    return Finding(f"{amount}; {sensors.note}", isolation.name, isolation.probability, LOSS_CHECKS)
+
+
+def drift_words(isolation: Isolation) -> str:
+    """Which parameter, in which direction and by how much."""
     low, high = sorted((abs(isolation.low), abs(isolation.high)))
     digits = 0 if high - low > 0.02 else 1
+    direction = "up" if isolation.change > 0 else "down"
     span = f"{100 * low:.{digits}f} to {100 * high:.{digits}f} %"
-    amount = f"{direction} {100 * abs(isolation.change):.{digits}f} % ({span}) since {since}"
-    if sensors.suspicious:
-        text = f"{isolation.name} seems {amount}, but {sensors.note}"
-        return Finding(text, "sensor", isolation.probability, ("flow meter", "chilled-water temperature sensors"))
-    if isolation.parameter == "R":
-        side = _side(sides)
-        first = "check flow meter first" if not sensors.checked else sensors.note
-        checks = ("flow meter", *_fouling_checks(side))
-        return Finding(f"{isolation.name} {amount}, {side}, {first}", isolation.name, isolation.probability, checks)
-    checks = (
-        "power meter and auxiliaries on it",
-        "refrigerant charge and non-condensables",
-        "compressor, oil, bypass valve",
-    )
-    return Finding(f"{isolation.name} {amount}; {sensors.note}", isolation.name, isolation.probability, checks)
+    return f"{isolation.name} {direction} {100 * abs(isolation.change):.{digits}f} % ({span})"
 
 
-@dataclass(frozen=True, slots=True)
-class DailyChange:
-    """A daily series in alarm: its change (share of power, or K) and since when, as text."""
+SENSOR_NAMES: Mapping[str, str] = {
+    "T_cdi": "condenser water entering",
+    "T_cdo": "condenser water leaving",
+    "T_chi": "chilled water entering",
+    "T_cho": "chilled water leaving",
+    "flow_ch": "chilled-water flow",
+    "flow_cd": "condenser water flow",
+    "load": "cooling load",
+    "power": "electrical power",
+    "T_sat_cd": "condensing temperature",
+    "T_sat_ev": "evaporating temperature",
+    "T_liquid": "liquid line temperature",
+    "T_discharge": "discharge temperature",
+    "T_oil": "oil temperature",
+}
 
-    series: str
-    change: float
-    since: str
 
-
-def diagnose_daily(changes: tuple[DailyChange, ...], power: str, sensors: SensorCheck) -> Finding:
-    """Words for daily charts in alarm where no parameter says more.
+def describe(finding: VectorFinding, baseline: VectorBaseline, since: str) -> Finding:
+    """Words for a change of the steady states: what changed, by how much, and what explains it.
 
     Parameters
     ----------
-    changes : the alarmed series, at least one
-    power : name of the power residual's series
-    sensors : heat balance since then
+    finding : of the chart of steady states
+    since : the onset, as text
     """
-    sides = {c.series: c.change for c in changes if c.series != power}
-    words = []
-    for c in changes:
-        if c.series == power:
-            more = "more" if c.change > 0 else "less"
-            words.append(
-                f"takes {abs(100 * c.change):.1f} % {more} power at given load and temperatures since {c.since}"
-            )
+    changes = ", ".join(_changed(finding, baseline)) or "many readings changed a little"
+    named = finding.named
+    probability = named.probability
+    if not named.cause:
+        text = f"{changes} since {since}; none of the known causes explains it"
+        return Finding(text, NOT_KNOWN, None, SENSOR_CHECKS, named.ranked)
+    checks = tuple(dict.fromkeys(c for name, p in named.ranked if p >= LEAST_TOLD for c in checks_of(name)))
+    told = f"{_cause_words(finding)} ({100 * probability:.0f} %)"
+    return Finding(f"{told}: {changes} since {since}", named.cause, probability, checks, named.ranked)
+
+
+LEAST_TOLD = 0.05
+"""Probability from which a single cause and its checks are told."""
+
+
+def _changed(finding: VectorFinding, baseline: VectorBaseline) -> list[str]:
+    """The features that changed beyond doubt, the clearest first, at most four."""
+    z = finding.change / finding.sd
+    words: list[str] = []
+    for i in np.argsort(-np.abs(z)):
+        name = baseline.layout.features[i]
+        if abs(z[i]) < 2 or len(words) == 4:
+            break
+        direction = "up" if z[i] > 0 else "down"
+        if FEATURES[name][0] == "share":
+            amount = f"{100 * abs(np.expm1(finding.change[i])):.1f} %"
         else:
-            words.append(f"{c.series} {'up' if c.change > 0 else 'down'} {abs(c.change):.2f} K since {c.since}")
-    text = f"{', '.join(words)}; {sensors.note}"
-    if sensors.suspicious:
-        return Finding(text, "sensor", None, ("flow meter", "chilled-water temperature sensors"))
-    cause = "power" if any(c.series == power for c in changes) else _side(sides).split(" ")[0] + " side"
-    if any(c.series == "subcooling" for c in changes):
-        return Finding(text, "refrigerant charge", None, ("refrigerant charge", *_fouling_checks(_side(sides))))
-    checks = ("power meter and auxiliaries on it", "flow meter", *_fouling_checks(_side(sides)))
-    return Finding(text, cause, None, checks)
+            amount = f"{abs(finding.change[i]):.2g} K"
+        words.append(f"{name} {direction} {amount}")
+    return words
 
 
-def _side(sides: Mapping[str, float]) -> str:
-    warm, cold = sides.get("condenser approach", 0.0) > 0, sides.get("evaporator approach", 0.0) > 0
-    if warm and not cold:
-        return "condenser side likely"
-    if cold and not warm:
-        return "evaporator side likely"
-    return "both sides" if warm and cold else "side unknown without refrigerant temperatures"
+def _cause_words(finding: VectorFinding) -> str:
+    named = finding.named
+    if named.cause.endswith(" sensor"):
+        quantity = named.cause.removesuffix(" sensor")
+        return f"sensor of {SENSOR_NAMES[quantity]} reads wrongly{finding.bias}"
+    singles = [name for name, p in named.ranked if p >= LEAST_TOLD and name != "none of these"]
+    if named.cause in singles:
+        return named.cause
+    spoken = [f"sensor of {SENSOR_NAMES[n.removesuffix(' sensor')]}" if n.endswith(" sensor") else n for n in singles]
+    return f"{named.cause}: {' or '.join(spoken)}" if spoken else named.cause
 
 
-def _fouling_checks(side: str) -> tuple[str, ...]:
-    condenser = ("condenser water flow and strainer", "condenser tubes (fouling)", "non-condensable gas")
-    evaporator = ("chilled-water flow", "evaporator tubes", "refrigerant charge")
-    if side.startswith("condenser"):
-        return condenser
-    return evaporator if side.startswith("evaporator") else (*condenser, *evaporator)
+def checks_of(cause: str) -> tuple[str, ...]:
+    """What decides whether a cause is there."""
+    if cause.endswith(" sensor"):
+        quantity = cause.removesuffix(" sensor")
+        if quantity in ("flow_ch", "flow_cd", "load"):
+            return ("flow meter",)
+        if quantity == "power":
+            return ("power meter and auxiliaries on it",)
+        return ("water temperature sensors",) if quantity in WATERS else ("refrigerant temperature sensors",)
+    return CAUSE_CHECKS.get(cause, ())
+
+
+WATERS = ("T_cdi", "T_cdo", "T_chi", "T_cho")
+CAUSE_CHECKS: Mapping[str, tuple[str, ...]] = {
+    "non-condensable gas": ("non-condensable gas",),
+    "condenser fouling": ("condenser tubes (fouling)",),
+    "evaporator fouling": ("evaporator tubes",),
+    "low condenser flow": ("condenser water flow and strainer", "flow meter"),
+    "high condenser flow": ("condenser water flow and strainer", "flow meter"),
+    "low chilled-water flow": ("chilled-water flow", "flow meter"),
+    "high chilled-water flow": ("chilled-water flow", "flow meter"),
+    "low charge": ("refrigerant charge",),
+    "high charge": ("refrigerant charge",),
+    "oil excess": ("oil level",),
+    "compressor efficiency loss": ("compressor, oil, bypass valve",),
+    "purged condenser": ("maintenance log",),
+    "cleaner condenser": ("maintenance log",),
+    "cleaner evaporator": ("maintenance log",),
+    "better compressor": ("maintenance log", "power meter and auxiliaries on it"),
+}

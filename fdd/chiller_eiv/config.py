@@ -20,7 +20,8 @@ from fdd.chiller_eiv.forms import (
 )
 from fdd.chiller_eiv.gate import GateLimits
 from fdd.chiller_eiv.model import ChillerError
-from fdd.chiller_eiv.steady_state import SteadyLimits
+from fdd.chiller_eiv.steady_state import SteadyLimits, propose_limits
+from fdd.records import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,8 @@ class ChillerConfig:
     leak : heat leak where it is known from elsewhere [W]
     priors : Gaussian knowledge or bounds by parameter
     steady, gate, drift : limits and options of the stages
-    residual_false_alarms : a year, for the power residual's and each approach's daily chart [1/a]
+    steady_given : the fields of ``steady`` that were given; the others follow from the data
+    residual_false_alarms : a year, for the chart of the steady states [1/a]
     baseline_days : length of the healthy period the baseline is learned from [d]
     price, currency : of electricity [currency/kWh]
     """
@@ -53,6 +55,7 @@ class ChillerConfig:
     steady: SteadyLimits = field(default_factory=SteadyLimits)
     gate: GateLimits = field(default_factory=GateLimits)
     drift: DriftOptions = field(default_factory=DriftOptions)
+    steady_given: frozenset[str] = frozenset()
     residual_false_alarms: float = 0.25
     baseline_days: float = 84.0
     price: float = float("nan")
@@ -82,14 +85,16 @@ class ChillerConfig:
             return VARIABLE_SPEED
         return variable_speed_by_load(self.rated_load) if self.speed == "by load" else DIVISION_FREE
 
-    def prediction_forms(self) -> tuple[Form, ...]:
-        """Candidates for the prediction of power; left-out days decide."""
-        forms: list[Form] = [DIVISION_FREE, variable_speed_by_load(self.rated_load)]
-        if self.condenser_flow == "measured":
-            forms += [VARIABLE_FLOW, variable_flow_and_speed_by_load(self.rated_load)]
-        if self.speed == "measured":
-            forms.append(VARIABLE_SPEED)
-        return tuple(forms)
+    def steady_for(self, time: IntArray, raw: Mapping[str, FloatArray]) -> SteadyLimits:
+        """Steady-state limits that fit these data, where the declaration leaves them open."""
+        return propose_limits(
+            time,
+            raw,
+            self.instruments,
+            rated_load=self.rated_load,
+            limits=self.steady,
+            given=self.steady_given,
+        )
 
     def fit_options(self) -> FitOptions:
         """How parameters are fitted."""
@@ -122,7 +127,7 @@ def config_of_table(name: str, table: Mapping[str, Any]) -> ChillerConfig:
     ------
     ChillerError : an unknown or missing key, with the nearest known one
     """
-    own = {f.name for f in fields(ChillerConfig)} - {"name", "instruments"}
+    own = {f.name for f in fields(ChillerConfig)} - {"name", "instruments", "steady_given"}
     _refuse_unknown(f"chiller {name!r}", table, {*own, *_INSTRUMENT_KEYS, "errors"})
     for key in ("rated_load", "errors"):
         if key not in table:
@@ -132,6 +137,8 @@ def config_of_table(name: str, table: Mapping[str, Any]) -> ChillerConfig:
     values: dict[str, Any] = {k: table[k] for k in own if k in table}
     for key, kind in (("steady", SteadyLimits), ("gate", GateLimits), ("drift", DriftOptions)):
         if key in values:
+            if key == "steady":
+                values["steady_given"] = frozenset(values[key])
             values[key] = _table(kind, f"chiller {name!r}, {key}", values[key])
     if "priors" in values:
         values["priors"] = {k: _table(Prior, f"chiller {name!r}, prior of {k}", v) for k, v in values["priors"].items()}

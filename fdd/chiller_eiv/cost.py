@@ -6,9 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdd.chiller_eiv.fit import predict_power
-from fdd.chiller_eiv.forms import Form
-from fdd.chiller_eiv.model import ChillerError, GordonNg
+from fdd.chiller_eiv.model import ChillerError
 from fdd.records import FloatArray
 
 
@@ -33,39 +31,36 @@ class ExtraCost:
 
 
 def extra_cost(
-    form: Form,
-    machine: GordonNg,
-    x: FloatArray,
+    power: FloatArray,
+    expected: FloatArray,
     *,
     hours_a_day: float,
     price: float = float("nan"),
     model_sd: float = 0.0,
     independent: float | None = None,
 ) -> ExtraCost:
-    """Extra power of recent points over the baseline machine's.
+    """Extra power of recent points over the healthy machine's.
 
     Parameters
     ----------
-    form, machine : the baseline
-    x : shape (n, m), recent steady points, at today's load and weather
+    power, expected : measured, and of the healthy machine at today's load and weather [W], shape (n,)
     hours_a_day : running hours a day
     price : of electricity [currency/kWh]
-    model_sd : standard deviation of the baseline's own bias [1], for the error of the mean
-    independent : number of independent points x is worth; n if not given
+    model_sd : standard deviation of the expectation's own bias [1], for the error of the mean
+    independent : number of independent points they are worth; n if not given
 
     Raises
     ------
     ChillerError : no points, or hours outside 0 to 24
     """
-    if not len(x):
+    if not len(power):
         raise ChillerError("no steady points in the time asked for: no cost can be told")
     if not 0 <= hours_a_day <= 24:
         raise ChillerError(f"running hours a day must lie between 0 and 24; got {hours_a_day!r}")
-    expected = predict_power(form, machine, x)
-    extra = x[:, form.measured.index("E")] - expected
-    n = float(independent or len(x))
+    extra = power - expected
+    n = float(independent or len(power))
     mean = float(extra.mean())
-    se = float(np.hypot(extra.std(ddof=1) / np.sqrt(n) if len(x) > 1 else 0.0, model_sd * expected.mean()))
+    se = float(np.hypot(extra.std(ddof=1) / np.sqrt(n) if len(power) > 1 else 0.0, model_sd * expected.mean()))
     energy = mean * hours_a_day / 1e3
     return ExtraCost(
         power=mean,

@@ -32,10 +32,16 @@ RAW_UNITS: Mapping[str, str] = {
     "T_sat_cd": "degC",
     "T_sat_ev": "degC",
     "T_liquid": "degC",
+    "T_discharge": "degC",
+    "T_oil": "degC",
+    "drive_ch": "any",
+    "drive_cd": "any",
+    "others": "1",
 }
 """What a chiller may have measured: condenser and chilled water entering (i) and leaving (o), their mass flows, a heat
 meter's load, electrical power, auxiliaries on the same meter, relative compressor speed, saturation temperatures of
-condenser and evaporator, liquid line temperature."""
+condenser and evaporator, liquid line, discharge and oil temperature; what drives the chilled and the condenser water
+pump (speed, power or command, in any unit), and how many other machines run on the same water."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +53,17 @@ class SensorError:
     random : of one sample, independent from sample to sample; averaging N samples divides its variance by N
     relative : the same, as a share of the reading [1]
     slow : what does not average out within a window but differs from window to window (installation, resolution)
+    scale : what never averages out, as a share of the reading [1]: a meter's calibration
     """
 
     random: float = 0.0
     relative: float = 0.0
     slow: float = 0.0
+    scale: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse negative standard deviations."""
-        for name in ("random", "relative", "slow"):
+        for name in ("random", "relative", "slow", "scale"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise ChillerError(f"sensor error {name} must be zero or positive; got {value!r}: give one sigma")
@@ -111,6 +119,15 @@ class Instrumentation:
         if self.chilled_water == "entering" and "T_chi" not in self.errors:
             return ("T_cdi", "T_cho", "flow_ch", "load", "power")
         return ("T_cdi", *chilled, "load", "power")
+
+    def scales(self) -> dict[str, float]:
+        """Declared scale errors of load and power, ``Q`` and ``E`` [1]."""
+        meters = ("load",) if self.load_from == "meter" else ("flow_ch",)
+        table = {"Q": meters, "E": ("power",)}
+        return {
+            k: float(np.hypot.reduce([self.errors[m].scale for m in v if m in self.errors] + [0.0]))
+            for k, v in table.items()
+        }
 
     def sd_of(self, name: str, reading: float) -> float:
         """One-sample standard deviation of a raw quantity, zero where none is declared."""

@@ -58,7 +58,7 @@ class ChillerFit:
     held : parameters held and their values
     estimate : shape (p',), SI units of the form
     covariance : shape (p', p')
-    freedom : degrees of freedom of the intervals
+    freedom : degrees of freedom of the intervals, one number or one for each parameter
     k : share of the error moments taken off
     lambda_min : (true / assumed error variance), where the model is exact
     positive_definite : False where plain CLS broke down and the estimate means nothing
@@ -72,7 +72,7 @@ class ChillerFit:
     held: Mapping[str, float]
     estimate: FloatArray
     covariance: FloatArray
-    freedom: float
+    freedom: float | FloatArray
     k: float
     lambda_min: float
     positive_definite: bool
@@ -171,25 +171,31 @@ def fit_gordon_ng(
         T, free = hold(o.form, o.held)
         terms = map_terms(terms, T)
     g = groups_of(len(x), min(25, len(x))) if group is None else np.unique(group, return_inverse=True)[1]
-    return _fit_terms(terms, np.asarray(g, dtype=np.int64), free, o, x)
+    return _fit_terms(terms, np.asarray(g, dtype=np.int64), free, o, x, RUNS if group is not None else (1,))
+
+
+RUNS = (1, 2, 4, 8)
+"""Days that are left out together: a model error of days makes neighbouring days one. The widest interval counts."""
 
 
 def _scaled(terms: Terms, factor: float) -> Terms:
     return terms if factor == 1.0 else Terms(terms.z, terms.C * factor)
 
 
-def _fit_terms(terms: Terms, group: IntArray, free: tuple[str, ...], o: FitOptions, x: FloatArray) -> ChillerFit:
+def _fit_terms(
+    terms: Terms, group: IntArray, free: tuple[str, ...], o: FitOptions, x: FloatArray, runs: tuple[int, ...]
+) -> ChillerFit:
     grouped = sum_moments(terms, group)
     total = grouped.total()
     k = float(choose_k(total, o.estimator))
     beta = solve(total, k)
     used = int((grouped.n > 0).sum())
     if o.estimator in ("ols", "cls") and used == len(x):
-        cov, freedom, how = sandwich(terms, beta, k), float(len(x) - len(free)), "sandwich"
+        cov, freedom, how = sandwich(terms, beta, k), np.full(len(free), float(len(x) - len(free))), "sandwich"
     elif used >= 2:
-        cov, freedom, how = jackknife(grouped, o.estimator), float(used - 1), "jackknife"
+        cov, freedom, how = *_widest(terms, group, o.estimator, runs), "jackknife"
     else:
-        cov, freedom, how = np.full((len(free), len(free)), np.nan), 1.0, "none: one day only"
+        cov, freedom, how = np.full((len(free), len(free)), np.nan), np.ones(len(free)), "none: one day only"
     if any(p in free for p in o.priors):
         beta, cov = _with_priors(beta, cov, free, o.priors)
     return ChillerFit(
@@ -208,6 +214,29 @@ def _fit_terms(terms: Terms, group: IntArray, free: tuple[str, ...], o: FitOptio
         groups=used,
         interval_method=how,
     )
+
+
+def _widest(
+    terms: Terms, group: IntArray, estimator: Estimator, runs: tuple[int, ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Jackknife covariance (p, p) and degrees of freedom (p,): for each parameter of the widest interval's run."""
+    found = []
+    for run in runs:
+        groups = np.unique(group // run, return_inverse=True)[1].astype(np.int64)
+        count = int(groups.max()) + 1
+        if run > 1 and count < LEAST_RUNS:
+            break
+        cov = jackknife(sum_moments(terms, groups), estimator)
+        found.append((cov, float(count - 1), half_width(standard_errors(cov), float(count - 1))))
+    best = np.argmax(np.array([f[2] for f in found]), axis=0)
+    se = np.array([standard_errors(found[b][0])[i] for i, b in enumerate(best)])
+    first = standard_errors(found[0][0])
+    factor = se / np.where(first > 0, first, 1.0)
+    return found[0][0] * np.outer(factor, factor), np.array([found[b][1] for b in best])
+
+
+LEAST_RUNS = 4
+"""Runs of days without which their spread says nothing."""
 
 
 def _with_priors(

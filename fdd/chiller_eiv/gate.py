@@ -66,13 +66,18 @@ class GateDecision:
     level : what may be reported and charted
     reasons : why not more, in words; empty at ``FULL``
     measures : the figures the decision rests on
-    fit : the fit at that level; at ``RESIDUAL`` the free fit, for prediction only
+    fit : the fit at that level, its intervals with all that is not known; at ``RESIDUAL`` the free fit
     """
 
     level: Level
     reasons: tuple[str, ...]
     measures: Mapping[str, float]
     fit: ChillerFit
+
+    def se(self) -> FloatArray:
+        """Standard errors of the fit's parameters: an interval is the estimate and 1.96 of them either way, (p,)."""
+        interval = self.fit.interval()
+        return np.asarray((interval[:, 1] - interval[:, 0]) / (2 * 1.96))
 
     def sentence(self) -> str:
         """One sentence for a report."""
@@ -110,6 +115,7 @@ def gate(
     options: FitOptions | None = None,
     limits: GateLimits | None = None,
     leak: float | None = None,
+    scale: Mapping[str, float] | None = None,
 ) -> GateDecision:
     """Decide what the points of one chiller allow.
 
@@ -120,6 +126,7 @@ def gate(
     options : form, estimator, priors
     limits : when to decline
     leak : value to hold the leak at [W], where it is known; otherwise the free estimate, or zero where that is negative
+    scale : declared scale errors of ``Q`` and ``E`` [1]; they join the intervals and decide nothing
 
     Raises
     ------
@@ -131,7 +138,7 @@ def gate(
     common = _common_reasons(measures, day, g)
     first = [*common, *_reasons(x, cov, day, free, o, g, measures, "")]
     if not first:
-        return GateDecision(Level.FULL, (), measures, free)
+        return GateDecision(Level.FULL, (), measures, _with_scale(free, x, cov, day, o, scale or {}))
     if "Q_leak" in o.held:
         return GateDecision(Level.RESIDUAL, tuple(first), measures, free)
     value = leak if leak is not None else max(free.values()["Q_leak"], 0.0)
@@ -139,9 +146,43 @@ def gate(
     held = fit_gordon_ng(x, cov, day, fixed)
     second = [*common, *_reasons(x, cov, day, held, fixed, g, measures, "held: ")]
     if not second:
-        return GateDecision(Level.HELD, tuple(first), measures, held)
+        if leak is None:
+            held = _marginal(held, free)
+        return GateDecision(Level.HELD, tuple(first), measures, _with_scale(held, x, cov, day, fixed, scale or {}))
     more = [f"with the leak held, {r}" for r in second if r not in first]
     return GateDecision(Level.RESIDUAL, (*first, *more), measures, free)
+
+
+def _marginal(held: ChillerFit, free: ChillerFit) -> ChillerFit:
+    """A fit with the leak held, its intervals as wide as the unknown leak makes them."""
+    at = [free.parameters.index(p) for p in held.parameters]
+    own = free.interval()[at]
+    moved = held.estimate - free.estimate[at]
+    sd = np.hypot((own[:, 1] - own[:, 0]) / (2 * 1.96), moved)
+    known = held.interval()
+    sd = np.where(np.isfinite(sd), np.maximum(sd, (known[:, 1] - known[:, 0]) / (2 * 1.96)), np.nan)
+    return _widened(held, sd)
+
+
+def _with_scale(
+    fit: ChillerFit, x: FloatArray, cov: FloatArray, day: IntArray, o: FitOptions, scale: Mapping[str, float]
+) -> ChillerFit:
+    """A fit whose intervals hold declared scale errors too: what each does to the estimate, in quadrature."""
+    interval = fit.interval()
+    variance = ((interval[:, 1] - interval[:, 0]) / (2 * 1.96)) ** 2
+    for name, share in scale.items():
+        if share > 0 and name in fit.form.measured:
+            i, moved = fit.form.measured.index(name), x.copy()
+            moved[:, i] *= 1 + share
+            variance = variance + (fit_gordon_ng(moved, cov, day, o).estimate - fit.estimate) ** 2
+    return _widened(fit, np.sqrt(variance))
+
+
+def _widened(fit: ChillerFit, sd: FloatArray) -> ChillerFit:
+    """The same estimate with standard deviations (p,) that an interval takes 1.96 of."""
+    d = np.sqrt(np.diagonal(fit.covariance))
+    correlation = fit.covariance / np.outer(d, d)
+    return replace(fit, covariance=correlation * np.outer(sd, sd), freedom=np.full(len(sd), 1e9))
 
 
 def _measures(x: FloatArray, cov: FloatArray, o: FitOptions, fit: ChillerFit) -> dict[str, float]:

@@ -1,30 +1,33 @@
-"""One chiller in the running service: samples in, steady points, daily and weekly verdicts out.
+"""One chiller in the running service: samples in, steady points, verdicts of steady states and of weeks out.
 
-Functional core: no clock, no disk; everything follows from the samples' own times. Raw samples are gathered for a day
-(UTC) and turned into steady points when the first sample of the next day arrives; weeks close the same way. The same
-samples give the same verdicts in one batch or many, before or after a restart.
+Functional core: no clock, no disk; everything follows from the samples' own times. Samples are gathered for an hour and
+turned into steady points when the first sample of the next hour arrives; clusters of points are judged as they end,
+days and weeks (UTC) close the same way. The same samples give the same verdicts in one batch or many, before or after a
+restart.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, replace
 from itertools import groupby
 
 import numpy as np
 
-from fdd.chiller_eiv.baseline import POWER, ChillerBaseline, learn_baseline
-from fdd.chiller_eiv.checks import DailyChange, Finding, SensorCheck, check_balance, diagnose, diagnose_daily
+from fdd.chiller_eiv.baseline import ChillerBaseline, with_load
+from fdd.chiller_eiv.checks import Finding, SensorCheck, check_balance, describe, diagnose, drift_words
+from fdd.chiller_eiv.clusters import HOUR, Clustering, point_rows
 from fdd.chiller_eiv.config import ChillerConfig
 from fdd.chiller_eiv.cost import ExtraCost, extra_cost
-from fdd.chiller_eiv.drift import WEEK, DriftMonitor, DriftVerdict
+from fdd.chiller_eiv.drift import WEEK, DriftMonitor, DriftVerdict, Isolation
 from fdd.chiller_eiv.errors import RAW_UNITS
 from fdd.chiller_eiv.model import ChillerError
-from fdd.chiller_eiv.power_residual import DAY, DailyMonitor, DailyVerdict, daily_medians
-from fdd.chiller_eiv.steady_state import SteadyPoints, steady_points
-from fdd.records import FloatArray, IntArray, JsonObject
+from fdd.chiller_eiv.steady_state import SteadyPoints, SteadyStream
+from fdd.chiller_eiv.vector import DAY
+from fdd.chiller_eiv.watch import VectorMonitor, VectorVerdict
+from fdd.records import FloatArray, JsonObject
 
-SCHEMA = 2
+SCHEMA = 3
 
 RECENT_WEEKS = 8
 """Weeks of steady points kept for sensor checks and cost."""
@@ -32,83 +35,74 @@ RECENT_WEEKS = 8
 
 @dataclass(frozen=True)
 class ChillerOutputs:
-    """What one closed day gave.
+    """What one closed hour gave.
 
     Attributes
     ----------
-    time : end of the day [ns]
+    time : end of the hour [ns]
     points : its steady points
-    residual : relative power residual of each point; empty while the baseline is being learned
-    rejected : raw samples by reason
-    daily : verdict by series: the power residual and the approaches
-    weekly : verdict of the parameter charts where a week ended with this day
-    finding : words for what is in alarm: the parameter drift where there is one, otherwise the daily charts
-    sensors : heat-balance check that goes with the finding
-    cost : extra consumption over the last week, where any chart is in alarm
-    learned : the baseline, on the day it was learned
-    note : why there is no baseline yet, while there is none
-    kept, seen : raw samples that became part of a point, and all of them, since the start
+    expected : power that the healthy machine takes at each [W], shape (n,); NaN outside what was trained
+    rejected : samples by reason, those that may still become part of a point left out
+    states : verdicts of the clusters that ended
+    weekly : verdict of the parameter charts where a week ended with this hour
+    alarm : whether any chart is in alarm
+    since : onset of what is in alarm [ns], where a cluster or a week has ended
+    finding : words for it: of the steady states where they are in alarm, and of the parameter drift
+    sensors : heat-balance check that goes with a drift
+    cost : extra consumption since the onset, at most over the last week
+    closes_day : whether a day (UTC) ended with this hour
+    kept, seen : samples that became part of a point, and all of them, since the start
+    judged, clusters : clusters within what was trained, and all of them, since the start
     """
 
     time: int
     points: SteadyPoints
-    residual: FloatArray
+    expected: FloatArray
     rejected: Mapping[str, int]
-    daily: Mapping[str, DailyVerdict] = field(default_factory=dict)
+    states: tuple[VectorVerdict, ...] = ()
     weekly: DriftVerdict | None = None
+    alarm: bool = False
+    since: int | None = None
     finding: Finding | None = None
     sensors: SensorCheck | None = None
     cost: ExtraCost | None = None
-    learned: ChillerBaseline | None = None
-    note: str = ""
+    closes_day: bool = False
     kept: int = 0
     seen: int = 0
-
-    @property
-    def alarm(self) -> bool:
-        """Whether any chart is in alarm."""
-        return any(v.alarm for v in self.daily.values()) or (self.weekly is not None and self.weekly.alarm)
+    judged: int = 0
+    clusters: int = 0
 
 
-@dataclass
 class ChillerMonitor:
     """Charts of one chiller.
 
     Parameters
     ----------
     config : its declaration
-    baseline : where there is one; otherwise it is learned from the first ``config.baseline_days`` of samples
+    baseline : what it is compared with
     """
 
-    config: ChillerConfig
-    baseline: ChillerBaseline | None = None
-
-    def __post_init__(self) -> None:
-        """Begin with nothing seen."""
+    def __init__(self, config: ChillerConfig, baseline: ChillerBaseline) -> None:
+        self.config = config
         self._names = tuple(RAW_UNITS)
         self._rows: list[list[float]] = []
         self._times: list[int] = []
-        self._settled = False
-        self._first: int | None = None
         self._last: int | None = None
         self._points: list[SteadyPoints] = []
         self._hours: list[float] = []
-        self._last_week = 0
-        self._standing: Finding | None = None
+        self._last_week: int | None = None
         self._kept = 0
         self._seen = 0
-        self._charts()
+        self._begin(baseline)
 
-    def _charts(self) -> None:
-        b, c = self.baseline, self.config
-        self._daily: dict[str, DailyMonitor] = {}
-        self._drift: DriftMonitor | None = None
-        if b is None:
-            return
-        for name, reference in b.references.items():
-            self._daily[name] = DailyMonitor(reference, c.residual_false_alarms, b.availability)
-        if b.drift is not None:
-            self._drift = DriftMonitor(b.drift, c.form(), c.drift)
+    def _begin(self, baseline: ChillerBaseline) -> None:
+        self.baseline = baseline
+        c = self.config
+        self._stream = SteadyStream(c.instruments, c.rated_load, baseline.steady, baseline.period, baseline.tested)
+        self._clustering = Clustering(c.rated_load)
+        self._states = VectorMonitor(baseline.vector, c.residual_false_alarms)
+        self._drift = None if baseline.drift is None else DriftMonitor(baseline.drift, c.form(), c.drift)
+        self._isolated: tuple[Isolation, int] | None = None
 
     def update(self, time: int, values: Mapping[str, float]) -> tuple[ChillerOutputs, ...]:
         """Take one sample of every quantity.
@@ -120,7 +114,7 @@ class ChillerMonitor:
 
         Returns
         -------
-        The outputs of every day that this sample closed; mostly none
+        The outputs of the hour that this sample closed, if it did
         """
         if self._last is not None and time <= self._last:
             raise ChillerError(
@@ -128,10 +122,9 @@ class ChillerMonitor:
                 "order samples and drop duplicates before they come here"
             )
         out: tuple[ChillerOutputs, ...] = ()
-        if self._times and time // DAY != self._times[0] // DAY:
-            out = (self._close_day(),)
-        if self._first is None:
-            self._first = time
+        if self._times and time // HOUR != self._times[0] // HOUR:
+            out = (self._close(time),)
+        if self._last_week is None:
             self._last_week = time // WEEK
         self._last = time
         self._times.append(time)
@@ -139,163 +132,128 @@ class ChillerMonitor:
         return out
 
     def finish(self) -> tuple[ChillerOutputs, ...]:
-        """Close the last day at the end of a replay."""
-        return (self._close_day(),) if self._times else ()
+        """Close the last hour, its cluster and its day at the end of the data."""
+        if not self._times:
+            return ()
+        return (self._close((self._times[0] // DAY + 1) * DAY, last=True),)
 
     def reset(self, baseline: ChillerBaseline | None = None) -> None:
         """Clear the alarms; with a new baseline after a repair."""
         if baseline is not None:
-            self.baseline = baseline
-            self._charts()
-        for m in self._daily.values():
-            m.reset()
+            self._begin(baseline)
+        self._states.reset()
         if self._drift is not None:
             self._drift.reset()
-        self._standing = None
+        self._isolated = None
 
-    def _close_day(self) -> ChillerOutputs:
-        time = np.array(self._times, dtype=np.int64)
-        table = np.array(self._rows)
+    def _close(self, now: int, last: bool = False) -> ChillerOutputs:
+        """Close the hour of the samples held; ``now`` is when the next one came."""
+        time, table = np.array(self._times, dtype=np.int64), np.array(self._rows)
         self._times, self._rows = [], []
-        end = int(time[0] // DAY + 1) * DAY
-        points, rejected, hours = self._steady(time, table)
-        self._points = [*self._points, points]
-        self._hours = [*self._hours, hours][-7:]
+        end = int(time[0] // HOUR + 1) * HOUR
+        points, rejected = self._stream.take(time, table)
+        power = table[:, self._names.index("power")]
+        on = ~(power <= 0.01 * self.config.rated_load)
+        self._hours = [*self._hours, float(on.mean())][-7 * 24 :]
         self._kept += int(points.samples.sum())
         self._seen += len(time)
-        if self.baseline is None:
-            learned, note = self._learn(end)
-            empty = np.zeros(0)
-            return ChillerOutputs(
-                end, points, empty, rejected, learned=learned, note=note, kept=self._kept, seen=self._seen
-            )
-        return self._watch(end, points, rejected)
-
-    def _steady(self, time: IntArray, table: FloatArray) -> tuple[SteadyPoints, Mapping[str, int], float]:
-        needed = self.config.instruments.needed()
-        raw = {k: table[:, i] for i, k in enumerate(self._names) if k in needed or np.isfinite(table[:, i]).any()}
-        on = ~(raw["power"] <= 0.01 * self.config.rated_load)
-        points, report = steady_points(
-            time,
-            raw,
-            self.config.instruments,
-            rated_load=self.config.rated_load,
-            limits=self.config.steady,
-            running=on,
-            settled=self._settled,
-        )
-        tail = time >= time[-1] - round(self.config.steady.settling * 1e9)
-        self._settled = bool(on[tail].all() and tail.sum() > 1)
-        return points, report.counts(), 24.0 * float(on.mean())
-
-    def _learn(self, end: int) -> tuple[ChillerBaseline | None, str]:
-        begin = 0 if self._first is None else self._first
-        days = (end - begin) / DAY
-        if days < self.config.baseline_days:
-            return None, f"learning: {days:.0f} of {self.config.baseline_days:.0f} days"
-        try:
-            self.baseline, _ = learn_baseline(join(self._points), self.config)
-        except ChillerError as e:
-            return None, f"still learning: {e}"
-        self._points = self._points[-7:]
-        self._last_week = end // WEEK
-        self._charts()
-        return self.baseline, ""
-
-    def _watch(self, end: int, points: SteadyPoints, rejected: Mapping[str, int]) -> ChillerOutputs:
-        assert self.baseline is not None
-        self._points = [p for p in self._points if len(p) and p.time[-1] > end - RECENT_WEEKS * WEEK]
-        series = self.baseline.series(points, self.config) if len(points) else {}
-        daily = {}
-        for name, monitor in self._daily.items():
-            _, medians = daily_medians(points.time, series[name]) if name in series else (None, np.zeros(0))
-            daily[name] = monitor.update(end, float(medians[0]) if len(medians) else np.nan)
-        weekly = self._close_weeks(end)
-        finding, sensors = self._finding(end, weekly, daily)
-        alarm = any(v.alarm for v in daily.values()) or (weekly is not None and weekly.alarm)
-        cost = self._cost(end) if alarm else None
+        if len(points):
+            self._points.append(points)
+        self._points = [p for p in self._points if p.time[-1] > end - RECENT_WEEKS * WEEK]
+        states = self._judge(end, points, last)
+        weekly = self._close_weeks(now)
+        expected = self.baseline.expected_power(points, self.config) if len(points) else np.zeros(0)
+        alarm = self._isolated is not None or self._states.finding is not None
+        news = alarm and (bool(states) or weekly is not None)
+        since, finding, sensors = self._finding() if news else (None, None, None)
         return ChillerOutputs(
-            end,
-            points,
-            series.get(POWER, np.zeros(0)),
-            rejected,
-            daily,
-            weekly,
-            finding,
-            sensors,
-            cost,
+            time=end,
+            points=points,
+            expected=expected,
+            rejected=rejected,
+            states=states,
+            weekly=weekly,
+            alarm=alarm,
+            since=since,
+            finding=finding,
+            sensors=sensors,
+            cost=self._cost(end, since) if news else None,
+            closes_day=last or now // DAY != int(time[0]) // DAY,
             kept=self._kept,
             seen=self._seen,
+            judged=self._states.judged,
+            clusters=self._states.seen,
         )
+
+    def _judge(self, end: int, points: SteadyPoints, last: bool) -> tuple[VectorVerdict, ...]:
+        """Verdicts of the clusters that these points, or the time without one, have ended."""
+        found = []
+        if len(points):
+            rows = point_rows(points, with_load(points, self.config)["load"])
+            found = [
+                self._clustering.add(int(t), self._stream.length, r) for t, r in zip(points.time, rows, strict=True)
+            ]
+        found.append(self._clustering.finish() if last else self._clustering.tick(end))
+        return tuple(self._states.update(c) for c in found if c is not None)
 
     def _close_weeks(self, end: int) -> DriftVerdict | None:
         """Chart every week that ended since the last one charted; the verdict of the newest."""
+        assert self._last_week is not None
         verdict = None
         for week in range(self._last_week + 1, end // WEEK + 1):
             self._last_week = week
             if self._drift is not None:
                 verdict = self._chart_week(self._drift, week * WEEK)
+        if verdict is not None:
+            self._isolated = None
+            if verdict.isolation is not None and verdict.onset is not None:
+                self._isolated = (verdict.isolation, verdict.onset)
         return verdict
 
     def _chart_week(self, drift: DriftMonitor, stop: int) -> DriftVerdict:
-        week = join([p for p in self._points if len(p) and stop - WEEK < p.time[-1] <= stop])
+        """A week's points, those within what the machine was trained on."""
+        week = join([p for p in self._points if stop - WEEK <= p.time[-1] < stop])
         m = len(drift.form.measured)
         x, cov = np.zeros((0, m)), np.zeros((0, m, m))
         if len(week):
+            week = week.select(np.isfinite(self.baseline.expected_power(week, self.config)))
             x, cov = week.regressors(self.config.instruments, drift.form.measured)
         return drift.update(stop, x, cov)
 
-    def _finding(
-        self, end: int, weekly: DriftVerdict | None, daily: Mapping[str, DailyVerdict]
-    ) -> tuple[Finding | None, SensorCheck | None]:
-        """The parameter drift's words stand until the next week; without one, those of the daily charts."""
-        alarmed = {k: v for k, v in daily.items() if v.alarm and v.onset is not None}
-        if weekly is not None:
-            self._standing = None
-            if weekly.isolation is not None and weekly.onset is not None:
-                sensors = self._balance_since(weekly.onset)
-                sides = {k: self._mean_since(k, v) for k, v in alarmed.items() if k != POWER}
-                self._standing = diagnose(weekly.isolation, _date(weekly.onset), sensors, sides)
-                return self._standing, sensors
-        if self._standing is not None:
-            return self._standing, None
-        if not alarmed:
-            return None, None
-        onset = min(int(v.onset or end) for v in alarmed.values())
-        sensors = self._balance_since(onset)
-        changes = tuple(DailyChange(k, self._mean_since(k, v), _date(int(v.onset or end))) for k, v in alarmed.items())
-        return diagnose_daily(changes, POWER, sensors), sensors
+    def _finding(self) -> tuple[int, Finding, SensorCheck | None]:
+        """The steady states' words, with the drift's where both speak; otherwise the drift's alone."""
+        told = self._states.finding
+        if told is None:
+            assert self._isolated is not None
+            isolation, onset = self._isolated
+            sensors = check_balance(self.baseline.balance, self._since(onset).balance)
+            return onset, diagnose(isolation, _date(onset), sensors), sensors
+        finding = describe(told, self.baseline.vector, _date(told.onset))
+        if self._isolated is not None:
+            drift = f"; weekly estimate: {drift_words(self._isolated[0])}"
+            finding = replace(finding, sentence=finding.sentence + drift)
+        return told.onset, finding, None
 
     def _since(self, onset: int) -> SteadyPoints:
-        return join([p for p in self._points if len(p) and p.time[-1] > onset])
+        return join([p for p in self._points if p.time[-1] > onset])
 
-    def _balance_since(self, onset: int) -> SensorCheck:
-        assert self.baseline is not None
-        return check_balance(self.baseline.balance, self._since(onset).balance)
-
-    def _mean_since(self, series: str, verdict: DailyVerdict) -> float:
-        """Median change of a series since its chart's onset, as far as points are kept."""
-        assert self.baseline is not None
-        points = self._since(int(verdict.onset or 0))
-        change = self.baseline.series(points, self.config).get(series, np.zeros(0)) if len(points) else np.zeros(0)
-        change = change[np.isfinite(change)]
-        return float(np.median(change)) - self.baseline.references[series].mean if len(change) else verdict.value
-
-    def _cost(self, end: int) -> ExtraCost | None:
-        assert self.baseline is not None
-        recent = [p for p in self._points if len(p) and p.time[-1] > end - WEEK]
-        if not recent:
+    def _cost(self, end: int, since: int | None) -> ExtraCost | None:
+        recent = join([p for p in self._points if p.time[-1] > max(end - WEEK, since or 0)])
+        if not len(recent):
             return None
-        power = self.baseline.power
-        x, _ = join(recent).regressors(self.config.instruments, power.form.measured)
-        reference = self.baseline.references[POWER]
+        expected = self.baseline.expected_power(recent, self.config)
+        good = np.isfinite(expected)
+        if not good.any():
+            return None
+        vector = self.baseline.vector
+        i = vector.layout.features.index("power")
+        power = recent.raw["power"][good] - vector.layout.auxiliary
         return extra_cost(
-            power.form,
-            power.machine,
-            x,
-            hours_a_day=float(np.mean(self._hours)),
+            power,
+            expected[good],
+            hours_a_day=24.0 * float(np.mean(self._hours)),
             price=self.config.price,
-            model_sd=reference.sd / np.sqrt(len(recent)),
+            model_sd=float(np.sqrt(vector.slow[i, i] + vector.scatter[i, i] / vector.clusters)),
         )
 
     def export_state(self) -> JsonObject:
@@ -304,22 +262,21 @@ class ChillerMonitor:
             "schema": SCHEMA,
             "times": np.array(self._times, dtype=np.int64),
             "rows": np.array(self._rows).reshape(len(self._rows), len(self._names)),
-            "settled": self._settled,
-            "first": self._first,
             "last": self._last,
             "hours": list(self._hours),
             "points": export_points(self._points),
-            "baseline": None if self.baseline is None else self.baseline.export_state(),
-            "daily": {k: m.export_state() for k, m in self._daily.items()},
+            "stream": self._stream.export_state(),
+            "clustering": self._clustering.export_state(),
+            "states": self._states.export_state(),
             "drift": None if self._drift is None else self._drift.export_state(),
             "last_week": self._last_week,
-            "standing": None if self._standing is None else asdict(self._standing),
+            "isolated": None if self._isolated is None else [asdict(self._isolated[0]), self._isolated[1]],
             "kept": self._kept,
             "seen": self._seen,
         }
 
     def restore_state(self, state: JsonObject) -> None:
-        """Continue where ``export_state`` was called.
+        """Continue where ``export_state`` was called, on the same baseline.
 
         Raises
         ------
@@ -329,22 +286,21 @@ class ChillerMonitor:
             raise ChillerError(
                 f"chiller state has schema {state.get('schema')!r}, this version reads {SCHEMA}: start it anew"
             )
-        self.baseline = None if state["baseline"] is None else ChillerBaseline.of_state(state["baseline"], self.config)
-        self._charts()
         self._times = [int(t) for t in state["times"]]
         self._rows = [[float(v) for v in r] for r in np.asarray(state["rows"]).reshape(-1, len(self._names))]
-        self._settled = bool(state["settled"])
-        self._first = None if state["first"] is None else int(state["first"])
         self._last = None if state["last"] is None else int(state["last"])
         self._hours = [float(h) for h in state["hours"]]
         self._points = points_of_state(state["points"])
-        for k, m in self._daily.items():
-            m.restore_state(state["daily"][k])
+        self._stream.restore_state(state["stream"])
+        self._clustering.restore_state(state["clustering"])
+        self._states.restore_state(state["states"])
         if self._drift is not None and state["drift"] is not None:
             self._drift.restore_state(state["drift"])
-        self._last_week = int(state["last_week"])
-        f = state["standing"]
-        self._standing = None if f is None else Finding(**{**f, "checks": tuple(f["checks"])})
+        self._last_week = None if state["last_week"] is None else int(state["last_week"])
+        self._isolated = None
+        if state["isolated"] is not None:
+            isolation, onset = state["isolated"]
+            self._isolated = (Isolation(**isolation), int(onset))
         self._kept, self._seen = int(state["kept"]), int(state["seen"])
 
 

@@ -6,24 +6,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fdd.chiller_eiv.baseline import POWER
 from fdd.chiller_eiv.drift import DriftVerdict
 from fdd.chiller_eiv.intervals import half_width
 from fdd.chiller_eiv.online import ChillerMonitor, ChillerOutputs
-from fdd.chiller_eiv.power_residual import DailyVerdict
+from fdd.chiller_eiv.watch import VectorVerdict
 from fdd.records import Rows
-
-_SLUG = {POWER: "power"}
-
-
-def stream_of(series: str) -> str:
-    """A daily series' name as it stands in the store: ``power``, ``condenser_approach``."""
-    return _SLUG.get(series, series.replace(" ", "_"))
+from fdd.residual_monitors.chart import Phase
 
 
-def daily_chart(name: str, series: str) -> str:
-    """Name of a daily chart."""
-    return f"{name}/{stream_of(series)}:daily"
+def state_chart(name: str) -> str:
+    """Name of the chart of the steady states."""
+    return f"{name}/all:cluster"
 
 
 def weekly_chart(name: str, parameter: str) -> str:
@@ -32,26 +25,36 @@ def weekly_chart(name: str, parameter: str) -> str:
 
 
 def output_rows(monitor: ChillerMonitor, outputs: ChillerOutputs, version: int = 1) -> list[Rows]:
-    """What one closed day writes, keyed by (measurement, series, event time).
+    """What one closed hour writes, keyed by (measurement, series, event time).
 
     Parameters
     ----------
     monitor : the chiller's, for its baseline and name
-    outputs : of one closed day
+    outputs : of one closed hour
     version : of the baseline
 
     Returns
     -------
-    ``predictions`` (series ``NAME/power``, one row a steady point), ``gates`` (``NAME/steady``), ``charts``
-    (``NAME/power:daily``, ``NAME/dS:weekly`` ...) and ``parameters`` (``NAME/dS`` ...: the baseline's when it was
-    learned, each week's afterwards)
+    ``predictions`` (series ``NAME/power``, one row a steady point), ``gates`` (``NAME/steady``, a day), ``charts``
+    (``NAME/all:cluster``, ``NAME/dS:weekly`` ...) and ``parameters`` (``NAME/dS`` ..., each week's)
     """
     name = monitor.config.name
-    rows = [_gate(name, outputs), *_charts(name, outputs)]
-    if len(outputs.residual):
+    rows = [_gate(name, outputs)] if outputs.closes_day else []
+    rows += [_state(name, v) for v in outputs.states]
+    if outputs.weekly is not None:
+        rows += [*_weekly_charts(name, outputs.weekly), *_week(name, monitor, outputs.weekly, version)]
+    if len(outputs.points):
         rows.append(_power(name, monitor, outputs))
-    rows += _parameters(name, monitor, outputs, version)
     return rows
+
+
+def baseline_rows(monitor: ChillerMonitor, time: int, version: int = 1) -> list[Rows]:
+    """The baseline's parameters, as far as they may be believed, at a time [ns]."""
+    b = monitor.baseline
+    return [
+        _interval(monitor.config.name, p, time, value, 1.96 * b.se.get(p, np.nan), version)
+        for p, value in b.estimate.items()
+    ]
 
 
 def _one(measurement: str, series: str, time: int, fields: Mapping[str, float]) -> Rows:
@@ -65,42 +68,36 @@ def _one(measurement: str, series: str, time: int, fields: Mapping[str, float]) 
 
 
 def _gate(name: str, o: ChillerOutputs) -> Rows:
-    fields = {"open": float(len(o.points) > 0), "kept": float(o.kept), "seen": float(o.seen)}
+    fields = {"open": float(o.judged > 0), "kept": float(o.kept), "seen": float(o.seen)}
     return _one("gates", f"{name}/steady", o.time, fields)
 
 
 def _power(name: str, monitor: ChillerMonitor, o: ChillerOutputs) -> Rows:
-    assert monitor.baseline is not None
-    model = monitor.baseline.power
-    x, _ = o.points.regressors(monitor.config.instruments, model.form.measured)
-    predicted = model.predict(x)
+    vector = monitor.baseline.vector
+    i = vector.layout.features.index("power")
+    sd = float(np.sqrt(vector.scatter[i, i] + vector.slow[i, i]))
+    power = o.points.raw["power"] - vector.layout.auxiliary
     return Rows(
         "predictions",
         (f"{name}/power",),
-        np.zeros(len(x), dtype=np.int32),
+        np.zeros(len(power), dtype=np.int32),
         np.asarray(o.points.time, dtype=np.int64),
         {
-            "measured": x[:, 3],
-            "predicted": predicted,
-            "sd": model.spread * predicted,
-            "innovation": o.residual / max(model.spread, 1e-9),
+            "measured": power,
+            "predicted": o.expected,
+            "sd": sd * o.expected,
+            "innovation": np.log(power / o.expected) / sd,
         },
     )
 
 
-def _charts(name: str, o: ChillerOutputs) -> list[Rows]:
-    rows = [_daily(name, series, v) for series, v in o.daily.items()]
-    return rows + ([] if o.weekly is None else _weekly_charts(name, o))
+def _state(name: str, v: VectorVerdict) -> Rows:
+    phase = Phase.ALARM if v.alarm else Phase.QUIET if v.judged else Phase.NO_DATA
+    fields = {"statistic": v.statistic, "limit": v.limit, "phase": float(phase)}
+    return _one("charts", state_chart(name), v.time, fields)
 
 
-def _daily(name: str, series: str, v: DailyVerdict) -> Rows:
-    fields = {"statistic": v.statistic, "limit": v.limit, "phase": float(v.phase)}
-    return _one("charts", daily_chart(name, series), v.time, fields)
-
-
-def _weekly_charts(name: str, o: ChillerOutputs) -> list[Rows]:
-    assert o.weekly is not None
-    w = o.weekly
+def _weekly_charts(name: str, w: DriftVerdict) -> list[Rows]:
     return [
         _one(
             "charts",
@@ -112,20 +109,11 @@ def _weekly_charts(name: str, o: ChillerOutputs) -> list[Rows]:
     ]
 
 
-def _parameters(name: str, monitor: ChillerMonitor, o: ChillerOutputs, version: int) -> list[Rows]:
-    if o.learned is not None:
-        se = o.learned.se
-        return [
-            _interval(name, p, o.time, value, 1.96 * se.get(p, np.nan), version)
-            for p, value in o.learned.estimate.items()
-        ]
-    return [] if o.weekly is None else _week(name, o.weekly, version)
-
-
-def _week(name: str, w: DriftVerdict, version: int) -> list[Rows]:
-    if not np.isfinite(w.week.estimate).all():
+def _week(name: str, monitor: ChillerMonitor, w: DriftVerdict, version: int) -> list[Rows]:
+    if not np.isfinite(w.week.estimate).all() or monitor.baseline.drift is None:
         return []
-    half = half_width(w.week.se, float(w.week.points - len(w.parameters)))
+    # As wide as the weeks of the baseline really scattered.
+    half = half_width(w.week.se * monitor.baseline.drift.spread, float(w.week.points - len(w.parameters)))
     return [
         _interval(name, p, w.time, float(w.week.estimate[i]), float(half[i]), version)
         for i, p in enumerate(w.parameters)

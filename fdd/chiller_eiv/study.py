@@ -6,19 +6,18 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fdd.chiller_eiv.baseline import POWER, ChillerBaseline, learn_baseline
+from fdd.chiller_eiv.baseline import ChillerBaseline, clusters_of, learn_from_samples
 from fdd.chiller_eiv.calibration import Calibration, calibrate_errors
-from fdd.chiller_eiv.checks import DailyChange, Finding, SensorCheck, check_balance, diagnose, diagnose_daily
+from fdd.chiller_eiv.checks import Finding, SensorCheck, check_balance, describe, diagnose, drift_words
 from fdd.chiller_eiv.config import ChillerConfig
 from fdd.chiller_eiv.cost import ExtraCost, extra_cost
 from fdd.chiller_eiv.drift import WEEK, DriftMonitor, DriftVerdict
 from fdd.chiller_eiv.fit import ChillerFit, fit_by_every_estimator
-from fdd.chiller_eiv.gate import GateDecision, effective_size
-from fdd.chiller_eiv.model import ChillerError
-from fdd.chiller_eiv.power_residual import DAY, DailyMonitor, DailyVerdict, daily_medians
-from fdd.chiller_eiv.steady_state import SteadyPoints, SteadyReport, steady_points
+from fdd.chiller_eiv.gate import GateDecision, Level, effective_size
+from fdd.chiller_eiv.steady_state import SteadyPoints, SteadyReport
+from fdd.chiller_eiv.vector import DAY
+from fdd.chiller_eiv.watch import VectorMonitor, VectorVerdict
 from fdd.records import FloatArray, IntArray
 
 Progress = Callable[[str], None]
@@ -33,13 +32,10 @@ class ChillerData:
     ----------
     time : shape (N,), increasing [ns]
     raw : readings, shape (N,) each, units of ``errors.RAW_UNITS``; NaN is missing
-    running, others_running : shape (N,), see :func:`steady_state.steady_points`
     """
 
     time: IntArray
     raw: Mapping[str, FloatArray]
-    running: NDArray[np.bool_] | None = None
-    others_running: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)
@@ -50,13 +46,14 @@ class StudyResult:
     ----------
     config : the declaration
     points, report : steady points and what became of every raw sample
-    fits : estimates by every estimator on the baseline's points; empty where there are too few
+    fits : estimates by every estimator on the baseline's points; none where the gate declines them
     calibration : what the baseline says about the declared sensor errors
     decision : the gate's answer on the baseline
     baseline : what later points are compared with
-    daily : verdicts of each daily chart, baseline days included
+    states : verdicts of the clusters after the baseline
+    judged : share of those clusters that lie within what was trained [1]; NaN without any
     weekly : verdicts of the parameter charts after the baseline
-    residual : relative power residual of every point, shape (n,)
+    expected : power of the healthy machine at every point [W], shape (n,); NaN outside what was trained
     finding : words for what is in alarm at the end
     sensors : heat-balance check of the points after the baseline
     cost : extra consumption over the last four weeks, after the baseline
@@ -70,9 +67,10 @@ class StudyResult:
     calibration: Calibration
     decision: GateDecision
     baseline: ChillerBaseline
-    daily: Mapping[str, tuple[DailyVerdict, ...]]
+    states: tuple[VectorVerdict, ...]
+    judged: float
     weekly: tuple[DriftVerdict, ...]
-    residual: FloatArray
+    expected: FloatArray
     finding: Finding | None
     sensors: SensorCheck | None
     cost: ExtraCost | None
@@ -95,35 +93,26 @@ def study(
 
     Raises
     ------
-    ChillerError : no steady points, or too few to predict power; the text counts what was rejected
+    ChillerError : no steady points, or too few; the text counts what was rejected
     """
     tell = progress or (lambda _: None)
-    tell("steady points")
-    points, report = steady_points(
-        data.time,
-        data.raw,
-        config.instruments,
-        rated_load=config.rated_load,
-        limits=config.steady,
-        running=data.running,
-        others_running=data.others_running,
-    )
-    if not len(points):
-        raise ChillerError(f"chiller {config.name!r}: no steady points; samples by reason: {report.counts()}")
+    tell("steady points and baseline")
     end = baseline_end if baseline_end is not None else int(data.time[0] + config.baseline_days * DAY)
+    baseline, decision, points, report = learn_from_samples(data.time, data.raw, config, end)
     healthy = points.select(points.time <= end)
-    tell("gate and baseline")
-    baseline, decision = learn_baseline(healthy, config)
     x, cov = healthy.regressors(config.instruments, config.form().measured)
     tell("every estimator")
-    fits = fit_by_every_estimator(x, cov, healthy.days(), config.fit_options())
+    fits: Mapping[str, ChillerFit] = {}
+    if decision.level is not Level.RESIDUAL:
+        options = replace(config.fit_options(), held=dict(decision.fit.held))
+        fits = fit_by_every_estimator(x, cov, healthy.days(), options)
     calibration = calibrate_errors(x, cov, config.form())
     tell("charts")
-    series = baseline.series(points, config)
-    daily = _daily(points, series, baseline, config)
-    weekly = _weekly(points, baseline, config)
     later = points.select(points.time > end)
-    finding, sensors = _finding(weekly, daily, baseline, later)
+    states, judged = _states(later, baseline, config, report.period)
+    weekly = _weekly(points, baseline, config)
+    finding, sensors = _finding(states, weekly, baseline, later)
+    expected = baseline.expected_power(points, config)
     result = StudyResult(
         config=config,
         points=points,
@@ -132,9 +121,10 @@ def study(
         calibration=calibration,
         decision=decision,
         baseline=baseline,
-        daily=daily,
+        states=states,
+        judged=judged,
         weekly=weekly,
-        residual=series[POWER],
+        expected=expected,
         finding=finding,
         sensors=sensors,
         cost=_cost(later, data, baseline, config),
@@ -143,94 +133,96 @@ def study(
     return replace(result, verdict=_verdict(result))
 
 
-def _daily(
-    points: SteadyPoints, series: Mapping[str, FloatArray], baseline: ChillerBaseline, config: ChillerConfig
-) -> dict[str, tuple[DailyVerdict, ...]]:
-    out = {}
-    for name, reference in baseline.references.items():
-        monitor = DailyMonitor(reference, config.residual_false_alarms, baseline.availability)
-        days, medians = daily_medians(points.time, series[name])
-        out[name] = tuple(monitor.update(int(t), float(v)) for t, v in zip(days, medians, strict=True))
-    return out
+def _states(
+    later: SteadyPoints, baseline: ChillerBaseline, config: ChillerConfig, period: float
+) -> tuple[tuple[VectorVerdict, ...], float]:
+    if not len(later):
+        return (), float("nan")
+    window = round(max(3, round(baseline.steady.window / period)) * period * 1e9)
+    clusters = clusters_of(later, config, window)
+    monitor = VectorMonitor(baseline.vector, config.residual_false_alarms)
+    verdicts = tuple(monitor.update(clusters.select(np.array([i]))) for i in range(len(clusters)))
+    return verdicts, monitor.judged / max(monitor.seen, 1)
 
 
 def _weekly(points: SteadyPoints, baseline: ChillerBaseline, config: ChillerConfig) -> tuple[DriftVerdict, ...]:
     if baseline.drift is None:
         return ()
     monitor = DriftMonitor(baseline.drift, config.form(), config.drift)
+    points = points.select(np.isfinite(baseline.expected_power(points, config)))
     x, cov = points.regressors(config.instruments, config.form().measured)
     week = points.time // WEEK
     first = int(baseline.end // WEEK) + 1
+    if not len(week):
+        return ()
     return tuple(
         monitor.update((w + 1) * WEEK, x[week == w], cov[week == w]) for w in range(first, int(week.max()) + 1)
     )
 
 
 def _finding(
+    states: tuple[VectorVerdict, ...],
     weekly: tuple[DriftVerdict, ...],
-    daily: Mapping[str, tuple[DailyVerdict, ...]],
     baseline: ChillerBaseline,
     later: SteadyPoints,
 ) -> tuple[Finding | None, SensorCheck | None]:
     if not len(later):
         return None, None
     last = weekly[-1] if weekly else None
-    if last is None or last.isolation is None or last.onset is None:
-        sensors = check_balance(baseline.balance, later.balance)
-        changes = tuple(
-            DailyChange(k, _change(vs), date_of(vs[-1].onset))
-            for k, vs in daily.items()
-            if vs and vs[-1].alarm and vs[-1].onset is not None
-        )
-        return (diagnose_daily(changes, POWER, sensors) if changes else None), sensors
-    sensors = check_balance(baseline.balance, later.balance[later.time > last.onset])
-    sides = {k: v[-1].value for k, v in daily.items() if k != POWER and v and v[-1].alarm}
-    return diagnose(last.isolation, date_of(last.onset), sensors, sides), sensors
-
-
-def _change(verdicts: tuple[DailyVerdict, ...]) -> float:
-    """Median of a daily series since its onset."""
-    onset = verdicts[-1].onset
-    return float(np.median([v.value for v in verdicts if onset is None or v.time > onset]))
+    isolated = last if last is not None and last.isolation is not None and last.onset is not None else None
+    told = states[-1].finding if states else None
+    sensors = check_balance(baseline.balance, later.balance)
+    if told is not None:
+        finding = describe(told, baseline.vector, date_of(told.onset))
+        if isolated is not None and isolated.isolation is not None:
+            drift = f"; weekly estimate: {drift_words(isolated.isolation)}"
+            finding = replace(finding, sentence=finding.sentence + drift)
+        return finding, sensors
+    if isolated is None or isolated.isolation is None or isolated.onset is None:
+        return None, sensors
+    sensors = check_balance(baseline.balance, later.balance[later.time > isolated.onset])
+    return diagnose(isolated.isolation, date_of(isolated.onset), sensors), sensors
 
 
 def _cost(later: SteadyPoints, data: ChillerData, baseline: ChillerBaseline, config: ChillerConfig) -> ExtraCost | None:
     recent = later.select(later.time > int(data.time[-1]) - 4 * WEEK) if len(later) else later
-    if len(recent) < 2:
+    if not len(recent):
         return None
-    power = baseline.power
-    x, _ = recent.regressors(config.instruments, power.form.measured)
+    vector = baseline.vector
+    expected = baseline.expected_power(recent, config)
+    good = np.isfinite(expected)
+    if good.sum() < 2:
+        return None
+    power = (recent.raw["power"] - vector.layout.auxiliary)[good]
     span = data.time > int(data.time[-1]) - 4 * WEEK
-    on = data.running if data.running is not None else ~(data.raw["power"] <= 0.01 * config.rated_load)
-    reference = baseline.references[POWER]
+    on = ~(data.raw["power"] <= 0.01 * config.rated_load)
+    i = vector.layout.features.index("power")
     return extra_cost(
-        power.form,
-        power.machine,
-        x,
+        power,
+        expected[good],
         hours_a_day=24.0 * float(np.mean(on[span])),
         price=config.price,
-        model_sd=reference.sd / np.sqrt(reference.days),
-        independent=effective_size(power.residual(x)) if len(x) > 3 else None,
+        model_sd=float(np.sqrt(vector.slow[i, i] + vector.scatter[i, i] / vector.clusters)),
+        independent=effective_size(power / expected[good] - 1) if len(power) > 3 else None,
     )
 
 
 def _verdict(r: StudyResult) -> str:
     """One paragraph: what can be known, what was found, what it costs."""
     parts = [f"{r.config.name}: {len(r.points)} steady points.", f"Parameters are {r.decision.sentence()}."]
-    if r.decision.level.value.startswith("power"):
-        parts[1] = f"Parameters are {r.decision.sentence()}. The power residual is watched instead."
+    parts += [f"{note[0].upper()}{note[1:]}." for note in r.baseline.vector.notes]
+    if r.states:
+        parts.append(
+            f"{len(r.states)} later states, {100 * r.judged:.0f} % of them within what was learned and judged."
+        )
+    first = next((v for v in r.states if v.alarm), None)
     if r.finding is not None:
         parts.append(f"Finding: {r.finding.sentence}.")
-    alarmed = {k: next(v for v in vs if v.alarm) for k, vs in r.daily.items() if any(v.alarm for v in vs)}
-    for name, v in alarmed.items():
-        since = date_of(v.onset) if v.onset is not None else "?"
-        size = f"{100 * v.value:+.1f} %" if name == POWER else f"{v.value:+.2f} K"
-        parts.append(
-            f"The {name} chart alarms on {date_of(v.time - 1)} ({size} that day, changed since about {since})."
-        )
-    if r.finding is None and not alarmed:
+    if first is not None:
+        parts.append(f"The chart of steady states alarms on {date_of(first.time - 1)}.")
+    if r.finding is None:
         parts.append("No chart is in alarm.")
-    if r.cost is not None and (alarmed or r.finding):
+    elif r.cost is not None:
         c = r.cost
         money = f", {c.money_day:.2f} {r.config.currency} a day" if np.isfinite(c.money_day) else ""
         parts.append(f"Extra energy {c.energy_day:.0f} +- {1.96 * c.energy_day_se:.0f} kWh a day{money}.")

@@ -12,7 +12,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from fdd.chiller_eiv.baseline import POWER
 from fdd.chiller_eiv.fit import ChillerFit
 from fdd.chiller_eiv.forms import BASE
 from fdd.chiller_eiv.study import StudyResult, date_of
@@ -84,10 +83,9 @@ def _week(v: Any) -> dict[str, Any]:
 
 def _alarms(result: StudyResult) -> list[str]:
     out = []
-    for name, verdicts in result.daily.items():
-        first = next((v for v in verdicts if v.alarm), None)
-        if first is not None:
-            out.append(f"{name}: {date_of(first.time - 1)}")
+    first = next((v for v in result.states if v.alarm), None)
+    if first is not None:
+        out.append(f"steady states: {date_of(first.time - 1)}")
     first_week = next((v for v in result.weekly if v.alarm), None)
     if first_week is not None:
         out.append(f"parameters: week ending {date_of(first_week.time)}")
@@ -97,7 +95,7 @@ def _alarms(result: StudyResult) -> list[str]:
 def plots(result: StudyResult) -> dict[str, str]:
     """SVG plots by title."""
     out = {"Steady points: power over load": _svg(_points_figure(result))}
-    out["Power residual and its chart"] = _svg(_residual_figure(result))
+    out["Power residual, and the chart of steady states"] = _svg(_residual_figure(result))
     if result.weekly:
         out["Weekly parameters"] = _svg(_weekly_figure(result))
     return out
@@ -128,16 +126,15 @@ def _dates(times: Any) -> Any:
 def _residual_figure(result: StudyResult) -> Figure:
     figure = Figure(figsize=(7.5, 4.4), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True)
-    verdicts = result.daily[POWER]
-    times = _dates([v.time for v in verdicts])
-    top.plot(_dates(result.points.time), 100 * result.residual, ".", ms=3, color="0.7", label="points")
-    top.plot(times, [100 * v.value for v in verdicts], "o-", ms=3, label="daily median")
+    power = result.points.raw["power"] - result.baseline.vector.layout.auxiliary
+    top.plot(_dates(result.points.time), 100 * (power / result.expected - 1), ".", ms=3)
     top.axvline(_dates(result.baseline.end), color="k", lw=0.8, ls=":")
     top.set(ylabel="power residual [%]")
-    top.legend(loc="upper left", fontsize=8)
-    bottom.plot(times, [v.statistic for v in verdicts], "o-", ms=3)
-    bottom.axhline(verdicts[0].limit if verdicts else 0.0, color="tab:red", lw=1)
-    bottom.set(ylabel="CUSUM [sd]")
+    if result.states:
+        times = _dates([v.time for v in result.states])
+        bottom.plot(times, [v.statistic for v in result.states], ".-", ms=3)
+        bottom.axhline(result.states[0].limit, color="tab:red", lw=1)
+    bottom.set(ylabel="log evidence")
     bottom.tick_params(axis="x", rotation=30)
     return figure
 

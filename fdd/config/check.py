@@ -172,7 +172,7 @@ def _chiller(site: Site, key: str, name: str) -> Iterator[Finding]:
             "error", f"{key}.options.errors", f"the sensor error of {q.symbol} ({q.meaning}) is not known", remedy
         )
     share = site.false_alarms_per_year * equipment.weight / sum(e.weight for e in site.equipment.values())
-    own = chiller.false_alarms(site, name, config)
+    own = chiller.false_alarms(config)
     if own > 1.001 * share:
         problem = f"its charts may give {own:.2g} false alarms a year; its share of the site's is {share:.2g}"
         remedy = "Leave residual_false_alarms and drift.false_alarms out, or raise false_alarms_per_year or its weight."
@@ -199,7 +199,7 @@ def _roles(site: Site, key: str, mapped: dict[str, str], roles: tuple[Quantity, 
 def _fit(site: Site, key: str, point: str, role: Quantity) -> Iterator[Finding]:
     """The point's SI unit must be the role's: models speak SI, so no factor is left to apply."""
     unit = site.units[point]
-    if conversion(role.unit).si == unit:
+    if role.unit == "any" or conversion(role.unit).si == unit:
         return
     if unit == "1" and site.points[point].expression is None and "unit" not in site.points[point].model_fields_set:
         yield Finding("error", key, f"point {point!r} has no unit", f"Give it one that fits [{role.unit}].")

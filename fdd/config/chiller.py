@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
-from fdd.chiller_eiv.checks import SERIES
 from fdd.chiller_eiv.config import ChillerConfig, config_of_table
 from fdd.chiller_eiv.errors import RAW_UNITS
 from fdd.chiller_eiv.model import ChillerError
@@ -27,6 +26,11 @@ MEANINGS: Mapping[str, str] = {
     "T_sat_cd": "saturation temperature in the condenser",
     "T_sat_ev": "saturation temperature in the evaporator",
     "T_liquid": "liquid line temperature",
+    "T_discharge": "discharge temperature of the compressor",
+    "T_oil": "oil temperature",
+    "drive_ch": "speed, power or command of the chilled water pump, in any unit",
+    "drive_cd": "speed, power or command of the condenser water pump, in any unit",
+    "others": "how many other machines run on the same water",
 }
 ROLES = tuple(Quantity(symbol, unit, MEANINGS[symbol]) for symbol, unit in RAW_UNITS.items())
 """What a chiller's ``inputs`` may name."""
@@ -78,7 +82,7 @@ def _within_budget(site: Site, name: str, config: ChillerConfig) -> ChillerConfi
     options = site.equipment[name].options
     weights = sum(e.weight for e in site.equipment.values())
     share = site.false_alarms_per_year * site.equipment[name].weight / weights
-    cut = min(1.0, share / false_alarms(site, name, config))
+    cut = min(1.0, share / false_alarms(config))
     if "residual_false_alarms" not in options:
         config = replace(config, residual_false_alarms=cut * config.residual_false_alarms)
     if "false_alarms" not in (options.get("drift") or {}):
@@ -86,11 +90,9 @@ def _within_budget(site: Site, name: str, config: ChillerConfig) -> ChillerConfi
     return config
 
 
-def false_alarms(site: Site, name: str, config: ChillerConfig) -> float:
+def false_alarms(config: ChillerConfig) -> float:
     """What all of a chiller's charts together may give a year [1/a]."""
-    measured = site.equipment[name].inputs
-    series = 1 + sum(warm in measured and cold in measured for warm, cold, _ in SERIES.values())
-    return config.drift.false_alarms + series * config.residual_false_alarms
+    return config.drift.false_alarms + config.residual_false_alarms
 
 
 def missing_roles(config: ChillerConfig, inputs: Mapping[str, str]) -> list[Quantity]:

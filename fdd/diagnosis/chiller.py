@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fdd.chiller_eiv.checks import SENSOR_NAMES, Finding, checks_of
 from fdd.chiller_eiv.cost import ExtraCost
 from fdd.chiller_eiv.online import ChillerOutputs
 from fdd.diagnosis.cost import no_price, unpriced
@@ -13,14 +14,33 @@ MEANINGS = {
     "heat-exchanger resistance": "fouled heat exchanger, or too little water through it",
     "internal loss (entropy or leak)": "internal loss: compressor, refrigerant charge or non-condensable gas",
     "sensor": "a flow meter or temperature sensor that reads wrongly",
-    "power": "more power than the load explains; which part of the machine cannot be told from these measurements",
-    "condenser side": "condenser side: fouled tubes, too little water, or non-condensable gas",
-    "evaporator side": "evaporator side: fouled tubes, too little water, or too little refrigerant",
-    "both side": "both heat exchangers: too little water on both sides, or a wrong sensor",
-    "side side": "a heat exchanger; which one cannot be told",
-    "refrigerant charge": "too little refrigerant, or a liquid line that flashes",
+    "not known": "a change that no fault and no sensor's error among those compared explains",
+    "non-condensable gas": "air or another gas in the condenser",
+    "condenser fouling": "fouled or blocked condenser tubes",
+    "evaporator fouling": "fouled or blocked evaporator tubes",
+    "low condenser flow": "too little condenser water",
+    "high condenser flow": "more condenser water than before",
+    "low chilled-water flow": "too little chilled water",
+    "high chilled-water flow": "more chilled water than before",
+    "low charge": "too little refrigerant",
+    "high charge": "too much refrigerant",
+    "oil excess": "too much oil in the refrigerant",
+    "compressor efficiency loss": "a compressor that takes more power for the same lift",
+    "purged condenser": "less gas in the condenser than when it was learned",
+    "cleaner condenser": "condenser tubes cleaner than when it was learned",
+    "cleaner evaporator": "evaporator tubes cleaner than when it was learned",
+    "better compressor": "a compressor that takes less power than when it was learned",
+    "condenser side": "condenser side: gas, overcharge, fouling or too little water",
+    "evaporator side": "evaporator side: fouling, undercharge, oil or too little water",
+    "refrigerant or compressor": "refrigerant charge, oil or compressor",
+    "water flow": "a water flow that changed",
+    "condenser water flow or its meter": "condenser water flow, or the meter that reads it",
+    "chilled-water flow or its meter": "chilled-water flow, or the meter that reads it",
+    "better than when it was learned": "the machine is better than when it was learned",
+    "a sensor": "one of several sensors reads wrongly",
+    **{f"{k} sensor": f"the sensor of {words} ({k}) reads wrongly" for k, words in SENSOR_NAMES.items()},
 }
-"""What the causes of :mod:`fdd.chiller_eiv.checks` mean to a technician."""
+"""What the causes of :mod:`fdd.chiller_eiv` mean to a technician."""
 
 CHECKS = {
     "flow meter": "Compare the water flow meters with a clamp-on meter or the pump's curve: within 3 %",
@@ -37,6 +57,11 @@ CHECKS = {
     "chilled-water flow": "Read the pressure drop over the evaporator: as in the commissioning report",
     "evaporator tubes": "Read the evaporator approach at full load: 1 to 3 K when clean",
     "refrigerant charge": "Look at the sight glass and the subcooling: no bubbles, as on the name plate",
+    "oil level": "Read the oil level at rest and at full load: between the marks of the sight glass",
+    "water temperature sensors": "Compare the four water sensors with a reference, or with each other while the "
+    "machine rests and the pumps run: within 0.2 K",
+    "refrigerant temperature sensors": "Compare pressures and refrigerant temperatures with a gauge set: within 0.5 K",
+    "maintenance log": "Ask what was done to the machine since it was learned; then fit it anew: fdd fit",
     "refrigerant charge and non-condensables": "Read subcooling and condenser pressure at a known load: as on the "
     "name plate",
     "compressor, oil, bypass valve": "Look for a hot-gas bypass that is open, high oil temperature or wear: closed, "
@@ -57,15 +82,6 @@ def chiller_finding(outputs: ChillerOutputs, currency: str) -> JsonObject | None
     if found is None:
         return None
     checks = [CHECKS.get(c, c) for c in found.checks]
-    cause: JsonObject = {
-        "name": found.cause,
-        "meaning": MEANINGS.get(found.cause, found.cause),
-        "for": [found.sentence],
-        "against": [],
-        "checks": checks,
-    }
-    if found.probability is not None:
-        cause["likelihood"] = round(found.probability, 3)
     evidence: JsonObject = {}
     if outputs.sensors is not None:
         evidence["heat_balance"] = outputs.sensors.note
@@ -73,10 +89,32 @@ def chiller_finding(outputs: ChillerOutputs, currency: str) -> JsonObject | None
         evidence["cost_per_day"] = _cost(outputs.cost, currency)
     return {
         "summary": found.sentence,
-        "causes": [cause],
+        "causes": _causes(found, checks),
         "checks": checks,
         "evidence": evidence,
     }
+
+
+def _causes(found: Finding, checks: list[str]) -> list[JsonObject]:
+    """The cause or group that is named, then the single ones that were compared, most likely first."""
+    table: list[JsonObject] = [_cause(found.cause, found.probability, [found.sentence], checks)]
+    for name, probability in found.ranked:
+        if name != found.cause and name in MEANINGS:
+            table.append(_cause(name, probability, [], [CHECKS.get(c, c) for c in checks_of(name)]))
+    return table
+
+
+def _cause(name: str, probability: float | None, why: list[str], checks: list[str]) -> JsonObject:
+    cause: JsonObject = {
+        "name": name,
+        "meaning": MEANINGS.get(name, name),
+        "for": why,
+        "against": [],
+        "checks": checks,
+    }
+    if probability is not None:
+        cause["likelihood"] = round(probability, 3)
+    return cause
 
 
 def _cost(cost: ExtraCost, currency: str) -> JsonObject:

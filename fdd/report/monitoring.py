@@ -19,7 +19,7 @@ ENOUGH = 0.8
 """A component watched for less of the period than this is reported as not fully monitored."""
 
 
-SLOW = {"daily": DAY, "weekly": 7 * DAY}
+SLOW = {"cluster": DAY, "weekly": 7 * DAY}
 """How often charts judge that do not judge with every step, by kind [ns]."""
 
 
@@ -98,7 +98,7 @@ def watch(name: str, info: ComponentInfo, evidence: Evidence, start: int, end: i
             if np.isfinite(residual).any():
                 error = float(np.sqrt(np.nanmean(residual**2)))
                 fit.append((output.meaning, quantity(error, output.unit, difference=True)))
-    patience = 2 * DAY if "daily" in kinds.values() else DAY
+    patience = 2 * DAY if "cluster" in kinds.values() else DAY
     return Watch(name, info, _mean(judged), _mean(learning), max(times, default=None), tuple(fit), patience)
 
 

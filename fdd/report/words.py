@@ -31,7 +31,7 @@ CHART_KINDS = {
     "score": "parameter drift chart (score CUSUM)",
     "nis": "joint chart (normalised innovation squared)",
     "mewma": "joint trend chart (MEWMA)",
-    "daily": "daily drift chart (CUSUM)",
+    "cluster": "chart of steady states (likelihood ratio)",
     "weekly": "weekly drift chart (CUSUM)",
     "whiteness": "pattern chart (whiteness)",
 }

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fdd.chiller_eiv.errors import Instrumentation, SensorError
+from fdd.chiller_eiv.errors import RAW_UNITS, Instrumentation, SensorError
 from fdd.chiller_eiv.model import ChillerError
-from fdd.chiller_eiv.steady_state import REASONS, SteadyLimits, steady_points
+from fdd.chiller_eiv.steady_state import (
+    REASONS,
+    SteadyLimits,
+    SteadyStream,
+    propose_limits,
+    steady_points,
+    steady_quantities,
+)
 
 SECOND = 10**9
 INSTRUMENTS = Instrumentation(
@@ -144,3 +153,48 @@ def test_bad_input_is_refused() -> None:
         run(time, {k: v for k, v in raw.items() if k != "T_cho"})
     with pytest.raises(ChillerError, match="unknown"):
         run(time, {**raw, "T_room": raw["T_chi"]})
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_stream_cut_anywhere_gives_the_points_of_the_whole(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    time, raw = steady(900, 60, seed)
+    raw["power"][rng.integers(0, 900, 3)] = 0.0
+    raw["T_chi"][rng.integers(0, 900, 2)] = np.nan
+    raw["others"] = np.where((np.arange(900) > 500) & (np.arange(900) < 540), 1.0, 0.0)
+    whole, report = run(time, raw)
+    assert report.counts()["several machines staged"] > 0
+    table = np.column_stack([raw.get(k, np.full(900, np.nan)) for k in RAW_UNITS])
+    stream = SteadyStream(INSTRUMENTS, 500e3, SteadyLimits(), 60.0, steady_quantities(raw, INSTRUMENTS))
+    cuts = [0, *np.sort(rng.integers(0, 900, 15)).tolist(), 900]
+    parts = [stream.take(time[a:b], table[a:b])[0] for a, b in pairwise(cuts) if b > a]
+    np.testing.assert_array_equal(np.concatenate([p.time for p in parts]), whole.time)
+    np.testing.assert_array_equal(np.concatenate([p.raw["T_chi"] for p in parts]), whole.raw["T_chi"])
+
+
+def test_limits_fit_laboratory_data_of_ten_seconds() -> None:
+    """States of half an hour, each after a quarter of an hour of transition, as in a laboratory's test sequence."""
+    rng = np.random.default_rng(1)
+    n, per = 27 * 270, 270
+    state = np.arange(n) // per
+    settled = 1 - np.exp(-(np.arange(n) % per) / 20.0)
+    level = lambda low, high: (lambda v: v[state - (state > 0)] + (v[state] - v[state - (state > 0)]) * settled)(  # noqa: E731
+        rng.uniform(low, high, 27)
+    )
+    T_cho, load = level(5.0, 9.0), level(150e3, 300e3)
+    e = rng.standard_normal((5, n))
+    raw = {
+        "T_cdi": level(20.0, 29.0) + 0.05 * e[0],
+        "T_chi": T_cho + load / 4190 / 13.6 + 0.05 * e[1],
+        "T_cho": T_cho + 0.05 * e[2],
+        "flow_ch": 13.6 * (1 + 0.005 * e[3]),
+        "power": load / 5 * (1 + 0.01 * e[4]),
+    }
+    time = np.arange(n, dtype=np.int64) * 10 * SECOND
+    usual = run(time, raw)[0]
+    limits = propose_limits(time, raw, INSTRUMENTS, rated_load=316e3, limits=SteadyLimits())
+    found = run(time, raw, limits=limits)[0]
+    assert len(found) >= 24 > len(usual)
+    assert limits.window < 2700
+    kept = propose_limits(time, raw, INSTRUMENTS, rated_load=316e3, limits=SteadyLimits(), given=("window", "settling"))
+    assert (kept.window, kept.settling) == (2700, 1800)

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdd.chiller_eiv.baseline import ChillerBaseline, learn_baseline
+from fdd.chiller_eiv.baseline import ChillerBaseline, learn_from_samples
 from fdd.chiller_eiv.gate import GateDecision, Level
 from fdd.chiller_eiv.model import ChillerError
-from fdd.chiller_eiv.steady_state import SteadyReport, steady_points
+from fdd.chiller_eiv.steady_state import SteadyReport
 from fdd.chiller_eiv.study import ChillerData
+from fdd.chiller_eiv.study_report import SHOWN
 from fdd.config.schema import CHILLER
 from fdd.records import NANOSECONDS, Baseline, JsonObject
 from fdd.service.baselines.history import History, held
@@ -27,18 +28,29 @@ class FittedChiller:
     """One chiller's new baseline and how far it can be believed."""
 
     baseline: Baseline
+    learned: ChillerBaseline
     decision: GateDecision
     report: SteadyReport
     warnings: tuple[str, ...]
 
     def summary(self) -> str:
         """What a reader must know of it."""
-        b, fit = self.baseline, self.decision.fit
+        b = self.baseline
         lines = [f"{b.component}: {b.samples} steady points; parameters are {self.decision.sentence()}"]
-        for symbol, (low, high) in zip(fit.parameters, fit.interval(), strict=True):
-            lines.append(f"  {symbol} = {b.parameters[symbol]:.5g}  ({low:.5g} to {high:.5g})")
+        for symbol, value in b.parameters.items():
+            factor, unit = SHOWN[symbol]
+            half = 1.96 * b.standard_errors.get(symbol, float("nan"))
+            span = f"{(value - half) * factor:.4g} to {(value + half) * factor:.4g}" if np.isfinite(half) else "held"
+            lines.append(f"  {symbol} = {value * factor:.4g} {unit} ({span})")
+        v = self.learned.vector
+        lines.append(
+            f"  watched in {v.clusters} clusters of like states: {', '.join(v.layout.features)}; power within "
+            f"{100 * v.power_cv:.1f} % of states left out (CV(RMSE))"
+        )
+        steady = self.learned.steady
+        lines.append(f"  steady: {steady.window / 60:g} min, {steady.settling / 60:g} min after a start")
         lines.append("  samples by reason: " + ", ".join(f"{k} {n}" for k, n in self.report.counts().items() if n))
-        calibration = str(b.diagnostics["chiller"]["drift_note"])
+        calibration = self.learned.drift_note
         if calibration not in self.warnings and self.decision.level is not Level.RESIDUAL:
             lines.append(f"  self-calibration: {calibration}")
         lines += [f"  warning: {w}" for w in self.warnings]
@@ -64,24 +76,16 @@ def learn_chiller(plan: Plan, chiller: Chiller, history: History, reason: str = 
     ------
     IdentifyError : too few steady points to predict even its power; the text counts what was rejected
     """
-    data, config = chiller_data(plan, chiller, history), chiller.config
+    data = chiller_data(plan, chiller, history)
     try:
-        points, report = steady_points(
-            data.time, data.raw, config.instruments, rated_load=config.rated_load, limits=config.steady
-        )
+        learned, decision, _, report = learn_from_samples(data.time, data.raw, chiller.config)
     except ChillerError as error:
         raise IdentifyError(f"{chiller.name}: {error}") from None
-    rejected = ", ".join(f"{k} {n}" for k, n in report.counts().items() if n)
-    try:
-        learned, decision = learn_baseline(points, config)
-    except ChillerError as error:
-        raise IdentifyError(f"{chiller.name}: {error}; samples by reason: {rejected}") from None
-    return FittedChiller(_document(chiller, learned, reason), decision, report, _warnings(learned))
+    return FittedChiller(_document(chiller, learned, reason), learned, decision, report, _warnings(learned))
 
 
 def _document(chiller: Chiller, learned: ChillerBaseline, reason: str) -> Baseline:
     """The baseline as every component's: version 0 until it is accepted."""
-    open_ = list(learned.estimate) if learned.level == Level.RESIDUAL.value else []
     return Baseline(
         component=chiller.name,
         version=0,
@@ -100,7 +104,7 @@ def _document(chiller: Chiller, learned: ChillerBaseline, reason: str) -> Baseli
             "chiller": _plain(learned.export_state()),
             "level": learned.level,
             "reasons": list(learned.reasons),
-            "unidentifiable": open_,
+            "unidentifiable": [],
         },
         reason=reason,
     )
@@ -128,7 +132,7 @@ def _warnings(learned: ChillerBaseline) -> tuple[str, ...]:
     if days < SHORT:
         found.append(f"{days:.0f} days of baseline; {SHORT:.0f} or more, over seasons, make its charts trustworthy")
     if learned.level == Level.RESIDUAL.value:
-        found.append("its parameters cannot be told from these data; its power is watched instead")
+        found.append("its parameters cannot be told from these data; its steady states are watched all the same")
     elif learned.drift is None:
         found.append(learned.drift_note)
-    return tuple(found)
+    return (*found, *learned.vector.notes)

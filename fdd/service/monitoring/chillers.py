@@ -1,4 +1,5 @@
-"""The chillers of a site inside the engine: fed with each frame, judged when a day (UTC) or a week has closed.
+"""The chillers of a site inside the engine: fed with each frame, judged as its
+steady states and weeks close.
 
 A chiller runs on the baseline that ``fdd fit`` has put in force and never learns by itself, so that a standing fault
 cannot become normal. One that fails is counted and goes on with the next sample; the others do not notice.
@@ -14,7 +15,7 @@ import numpy as np
 from fdd.chiller_eiv.baseline import ChillerBaseline
 from fdd.chiller_eiv.model import ChillerError
 from fdd.chiller_eiv.online import ChillerMonitor, ChillerOutputs
-from fdd.chiller_eiv.rows import daily_chart, output_rows, stream_of, weekly_chart
+from fdd.chiller_eiv.rows import baseline_rows, output_rows, state_chart, weekly_chart
 from fdd.diagnosis.chiller import chiller_finding
 from fdd.diagnosis.cost import Tariffs, with_cost
 from fdd.diagnosis.ranking import severity
@@ -31,7 +32,7 @@ NORMAL = 0.25
 
 @dataclass(frozen=True, slots=True)
 class ChillerDay:
-    """What a chiller's closed day gave; ``retold`` where an open alarm's words have changed."""
+    """What a chiller's closed hour gave; ``retold`` where an open alarm's words have changed."""
 
     name: str
     rows: list[Rows]
@@ -137,15 +138,15 @@ class _Watched:
     def _close(self, time: int, outputs: ChillerOutputs) -> ChillerDay:
         rings = self._rings(outputs)
         told = chiller_finding(outputs, self.chiller.config.currency)
-        # Words of daily charts change a little every day; a week's verdict or another cause is news.
+        # Figures change a little with every cluster; a week's verdict or another cause is news.
         news = outputs.weekly is not None or _cause(told) != _cause(self._told)
         if told is not None and (rings or news):
             self._told = told
-        if not self._introduced:
-            # The store learns the baseline's parameters with the first day, for the dashboard.
-            outputs = replace(outputs, learned=self._monitor.baseline)
-            self._introduced = True
         rows = output_rows(self._monitor, outputs, self._version)
+        if not self._introduced:
+            # The store learns the baseline's parameters with the first hour, for the dashboard.
+            rows += baseline_rows(self._monitor, outputs.time, self._version)
+            self._introduced = True
         return ChillerDay(self.chiller.name, rows, rings, told is not None and news)
 
     def _rings(self, outputs: ChillerOutputs) -> list[Ring]:
@@ -196,15 +197,13 @@ class _Watched:
 
     def restore_state(self, state: JsonObject) -> None:
         """Continue where :meth:`export_state` stood."""
-        own = self._monitor.baseline
-        self._monitor.restore_state(state["monitor"])
         self._held = np.array(state["held"], dtype=np.float64)
         self._held_at = np.array(state["held_at"], dtype=np.int64)
+        if state["version"] != self._version:
+            return  # another baseline: its charts start afresh
+        self._monitor.restore_state(state["monitor"])
         self._ratios, self._told = dict(state["ratios"]), state["told"]
         self._introduced = bool(state["introduced"])
-        if state["version"] != self._version:
-            self._monitor.reset(own)
-            self._ratios, self._told, self._introduced = {}, None, False
 
 
 def chiller_baseline(chiller: Chiller, baseline: Baseline) -> ChillerBaseline:
@@ -230,10 +229,10 @@ def _cause(told: JsonObject | None) -> str:
 def _verdicts(name: str, outputs: ChillerOutputs) -> Sequence[tuple[str, int, JsonObject]]:
     """Every chart in alarm: its name, the estimated onset [ns] and the numbers behind it."""
     found = []
-    for series, v in outputs.daily.items():
-        if v.alarm:
-            numbers = {"symbol": stream_of(series), "statistic": v.statistic, "limit": v.limit}
-            found.append((daily_chart(name, series), v.onset or outputs.time, numbers))
+    for v in outputs.states:
+        if v.finding is not None:
+            numbers = {"symbol": "all", "statistic": v.statistic, "limit": v.limit}
+            found.append((state_chart(name), v.finding.onset, numbers))
     w = outputs.weekly
     if w is None:
         return found

@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from fdd.chiller_eiv.steady_state import steady_points
+from fdd.chiller_eiv.steady_state import SteadyPoints, steady_points
 from fdd.config import Finding, check_site, load_site
 from fdd.records import JsonObject
 from fdd.service.baselines.chiller_fit import chiller_data
@@ -109,16 +109,32 @@ def _component_rows(context: SiteContext, history: History) -> list[JsonObject]:
 
 def _chiller_row(context: SiteContext, chiller: Chiller, history: History) -> JsonObject:
     data = chiller_data(context.plan, chiller, history)
-    limits, rated = chiller.config.steady, chiller.config.rated_load
-    points, report = steady_points(data.time, data.raw, chiller.config.instruments, rated_load=rated, limits=limits)
+    config = chiller.config
+    limits = config.steady_for(data.time, data.raw)
+    points, report = steady_points(data.time, data.raw, config.instruments, rated_load=config.rated_load, limits=limits)
     rejected = {k: n for k, n in report.counts().items() if n and k != "kept"}
     return {
         "equipment": chiller.name,
         "frames": len(history),
         "usable frames": int(points.samples.sum()),
         "steady points": len(points),
+        "steady": {"window": limits.window, "settling": limits.settling},
+        "odd": _implausible(points, chiller),
         "rejected": rejected,
     }
+
+
+def _implausible(points: SteadyPoints, chiller: Chiller) -> list[str]:
+    """Steady loads and powers that no machine of this rating has."""
+    if not len(points):
+        return []
+    load, power = (float(v) for v in np.median(points.regressors(chiller.config.instruments)[0][:, 2:4], axis=0))
+    rated, found = chiller.config.rated_load, []
+    if not 0.1 * rated < load < 1.3 * rated:
+        found.append(f"the median load is {load / 1e3:.4g} kW, rated {rated / 1e3:.4g} kW: check the flow's unit")
+    if not 1.2 < load / power < 20:
+        found.append(f"the median COP is {load / power:.3g}: check the units of power and flow")
+    return found
 
 
 def _row_words(row: JsonObject) -> str:
@@ -126,4 +142,7 @@ def _row_words(row: JsonObject) -> str:
     if "runs" in row:
         return f"{usable}, in {row['runs']} run(s)"
     rejected = ", ".join(f"{k} {n}" for k, n in row["rejected"].items())
-    return f"{usable}, in {row['steady points']} steady point(s); rejected: {rejected or 'none'}"
+    steady = row["steady"]
+    proposed = f"window {steady['window']:g} s, settling {steady['settling']:g} s"
+    odd = "".join(f"; {words}" for words in row["odd"])
+    return f"{usable}, in {row['steady points']} steady point(s) of {proposed}; rejected: {rejected or 'none'}{odd}"

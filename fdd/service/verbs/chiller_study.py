@@ -21,8 +21,8 @@ from fdd.service.site.errors import UsageError
 from fdd.service.site.plan import Chiller
 from fdd.service.site.site_context import SiteContext, open_site
 
-# Reading, and the four stages of a study.
-STAGES = 5
+# Reading, and the three stages of a study.
+STAGES = 4
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,18 @@ class Study:
                 "measures": r.decision.measures,
             },
             "estimates": {name: _estimate(fit) for name, fit in r.fits.items()},
-            "power": {"form": r.baseline.power.form.name, "spread": r.baseline.power.spread},
+            "watched": {
+                "features": list(r.baseline.vector.layout.features),
+                "drivers": list(r.baseline.vector.layout.drivers),
+                "clusters": r.baseline.vector.clusters,
+                "power_cv": r.baseline.vector.power_cv,
+                "judged": r.judged if np.isfinite(r.judged) else None,
+                "notes": list(r.baseline.vector.notes),
+            },
             "finding": None if r.finding is None else asdict(r.finding),
             "heat_balance": None if r.sensors is None else r.sensors.note,
             "cost": None if r.cost is None else asdict(r.cost),
-            "alarms": {
-                name: [date_of(v.time - 1) for v in verdicts if v.alarm][:1] for name, verdicts in r.daily.items()
-            },
+            "alarms": [date_of(v.time - 1) for v in r.states if v.alarm][:1],
             "page": None if self.page is None else str(self.page),
         }
 
@@ -65,7 +70,8 @@ class Study:
         console.print(f"{len(r.points)} steady points; samples: {kept}", highlight=False, soft_wrap=True)
         span = f"{date_of(r.baseline.start)} to {date_of(r.baseline.end)}"
         console.print(f"baseline: {r.baseline.points} points, {span}", highlight=False)
-        console.print(_estimates(r))
+        if r.fits:
+            console.print(_estimates(r))
         console.print(r.verdict, highlight=False, markup=False, soft_wrap=True)
         if self.page is not None:
             console.print(f"page with plots: {self.page}", highlight=False, soft_wrap=True)
