@@ -15,6 +15,7 @@ from fdd.greybox import simulate
 from fdd.greybox.identifiability import Flat, Known, identified, reservations, strongly_correlated
 from fdd.greybox.likelihood import Data, FilterPath, Likelihood
 from fdd.greybox.scale import Prior, chain, from_scale, to_scale
+from fdd.greybox.simulate import Forecast
 from fdd.models.declare import ComponentModel
 
 FloatArray = NDArray[np.float64]
@@ -355,6 +356,16 @@ class FitResult:
     def simulate(self, data: Data | None = None) -> FloatArray:
         """Outputs from start value and inputs alone, (N, n_y)."""
         return simulate.simulate(self._one(data), self.values)
+
+    def forecast(self, rows: Sequence[int], steps: int, data: Data | None = None) -> Forecast:
+        """Distributions of states and outputs 1 to ``steps`` samples after rows; see :func:`simulate.forecast`."""
+        return simulate.forecast(self._one(data), self.values, rows, steps)
+
+    def sample(
+        self, row: int, steps: int, count: int, data: Data | None = None, seed: int = 0
+    ) -> tuple[FloatArray, FloatArray]:
+        """Drawn paths of states and outputs from the filtered state at a row; see :func:`simulate.sample`."""
+        return simulate.sample(self._one(data), self.values, row, steps, count, seed)
 
     def smooth(self, data: Data | None = None) -> tuple[FloatArray, FloatArray]:
         """Smoothed states (N, n) and covariances (N, n, n)."""

@@ -1,17 +1,19 @@
-"""What a fitted model says: k-step predictions, simulations without measurements, smoothed states."""
+"""What a fitted model says: predictions and their covariance at any horizon, simulations, sampled paths, smoothing."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from types import SimpleNamespace as Space
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from fdd.greybox.kernels import Kernel
-from fdd.greybox.likelihood import Data, Likelihood
+from fdd.greybox.likelihood import Data, Likelihood, unpack
 from fdd.models.declare import ComponentModel
 
 FloatArray = NDArray[np.float64]
@@ -51,6 +53,89 @@ def predict(likelihood: Likelihood, values: FloatArray, k: int) -> FloatArray:
             kern.module.update(w, c, d.u[i + k], nothing, shown)
             out[i + k] = shown[: d.y.shape[1]]
     return out
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """Distributions of states and outputs 1 to k samples after each of m rows, normal and given all before.
+
+    ``x`` (m, k, n), ``P`` (m, k, n, n); ``y`` and ``variance`` (m, k, n_y), the measurement error in it.
+    """
+
+    rows: NDArray[np.int64]
+    x: FloatArray
+    P: FloatArray
+    y: FloatArray
+    variance: FloatArray
+
+    def interval(self, probability: float = 0.95) -> tuple[FloatArray, FloatArray]:
+        """Limits of the outputs, (m, k, n_y) each."""
+        half = float(stats.norm.isf((1.0 - probability) / 2.0)) * np.sqrt(self.variance)
+        return self.y - half, self.y + half
+
+
+def forecast(likelihood: Likelihood, values: FloatArray, rows: Sequence[int], steps: int) -> Forecast:
+    """Forecasts ``steps`` samples ahead from filtered states at ``rows`` of the first record, inputs as recorded.
+
+    Raises
+    ------
+    ValueError : a row from which the record does not reach so far
+    """
+    d = likelihood.records[0]
+    at = np.asarray(rows, dtype=np.int64)
+    if steps < 1 or not ((at >= 0) & (at + steps < len(d))).all():
+        raise ValueError(
+            f"{d.name}: forecasts of {steps} samples need rows from 0 to {len(d) - steps - 1} (and at least one step)"
+        )
+    path, kern = likelihood.paths(values)[0], likelihood.kernel(0, tangents=False)
+    n, q = kern.layout.n, d.y.shape[1]
+    x, P = np.empty((len(at), steps, n)), np.empty((len(at), steps, kern.layout.nz - n))
+    shown = np.empty((len(at), steps, 4 * q))
+    c, w, nothing = kern.constants(), kern.workspace(), np.full(q, np.nan)
+    upper = np.triu_indices(n)
+    with np.errstate(all="ignore"):
+        kern.module.prepare(values, c)
+        for j, i in enumerate(at.tolist()):
+            w[:n], w[n : kern.layout.nz] = path.xf[i], path.Pf[i][upper]
+            for k in range(steps):
+                kern.module.predict(w, c, d.dt[i + k], d.u[i + k], d.u[i + k + 1], 0)
+                kern.module.update(w, c, d.u[i + k + 1], nothing, shown[j, k])
+                x[j, k], P[j, k] = w[:n], w[n : kern.layout.nz]
+    whole = unpack(P.reshape(-1, P.shape[2]), n).reshape(len(at), steps, n, n)
+    return Forecast(at, x, whole, shown[..., :q], shown[..., q : 2 * q])
+
+
+def sample(
+    likelihood: Likelihood, values: FloatArray, row: int, steps: int, count: int, seed: int = 0
+) -> tuple[FloatArray, FloatArray]:
+    """``count`` paths of states (count, steps, n) and outputs (count, steps, n_y) from the filtered state at a row.
+
+    Each begins at a state drawn from the filter's distribution; every step is drawn from the normal distribution that
+    the model's prediction has from a known state, which is exact where the drift is linear.
+    """
+    d, random = likelihood.records[0], np.random.default_rng(seed)
+    path, kern = likelihood.paths(values)[0], likelihood.kernel(0, tangents=False)
+    n, q = kern.layout.n, d.y.shape[1]
+    states, outputs, shown = np.empty((count, steps, n)), np.empty((count, steps, q)), np.empty(4 * q)
+    c, w, nothing = kern.constants(), kern.workspace(), np.full(q, np.nan)
+    with np.errstate(all="ignore"):
+        kern.module.prepare(values, c)
+        for j in range(count):
+            x = _drawn(path.xf[row], path.Pf[row], random)
+            for k in range(steps):
+                w[:n], w[n : kern.layout.nz] = x, 0.0
+                kern.module.predict(w, c, d.dt[row + k], d.u[row + k], d.u[row + k + 1], 0)
+                x = _drawn(w[:n].copy(), unpack(w[None, n : kern.layout.nz], n)[0], random)
+                w[:n], w[n : kern.layout.nz] = x, 0.0
+                kern.module.update(w, c, d.u[row + k + 1], nothing, shown)
+                states[j, k] = x
+                outputs[j, k] = shown[:q] + np.sqrt(shown[q : 2 * q]) * random.normal(size=q)
+    return states, outputs
+
+
+def _drawn(mean: FloatArray, P: FloatArray, random: np.random.Generator) -> FloatArray:
+    lam, V = np.linalg.eigh(P)
+    return np.asarray(mean + V @ (np.sqrt(np.maximum(lam, 0.0)) * random.normal(size=len(mean))))
 
 
 def smooth(likelihood: Likelihood, values: FloatArray) -> tuple[FloatArray, FloatArray]:

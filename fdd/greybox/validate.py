@@ -1,7 +1,9 @@
-"""Whether a fitted model may be trusted: every test of Andersen (2001), section 2.5, in one call.
+"""Whether a fitted model may be trusted: every test of Andersen (2001), section 2.5, in one call, and its skill.
 
 One-step residuals of a model that holds are white and normal, unrelated to every input, no larger than the measurement
-uncertainty allows; parameters are plausible; other data are predicted as well as those it was fitted to.
+uncertainty allows; parameters are plausible; other data are predicted as well as those it was fitted to. Long records
+make every departure significant: those of no size (``SMALL``) pass. Some hours ahead a model predicts better than "as
+now" and "as yesterday", and its intervals hold what they promise.
 """
 
 from __future__ import annotations
@@ -19,6 +21,13 @@ from fdd.greybox.likelihood import Data, FilterPath
 from fdd.greybox.results import FitResult
 
 FloatArray = NDArray[np.float64]
+SMALL = 0.1  # correlation below which a relation explains less than a hundredth of the residuals
+HOURS = (1.0, 6.0, 24.0)
+ORIGINS = 200  # rows from which forecasts are judged
+INTERVALS = (0.8, 0.95)
+COVERAGE = 0.05  # by which a share may miss its probability
+INTEGRATES = 1e4  # spans of the record beyond which a time constant is that of an integrator
+WORSE = 1.05  # times the error of the better of "as now" and "as yesterday" that counts as no skill
 GROUPS = 10
 """Groups of equal size whose means are compared where a curve is looked for in the residuals."""
 
@@ -34,6 +43,8 @@ class Verdict:
     p: float
     passed: bool
     remark: str
+    effect: float = math.nan
+    """Size of what is wrong over the residuals' (or the reference's) standard deviation, where it has one."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +72,15 @@ class Validation:
         ]
         return "\n".join([head, *rows])
 
+    def causes(self) -> list[str]:
+        """What failed in words, the largest effect first."""
+        failed = [v for v in self.verdicts if not v.passed]
+        ranked = sorted(failed, key=lambda v: -(v.effect if math.isfinite(v.effect) else 0.0))
+        return [f"{v.test} of {v.about}: {v.remark}" for v in ranked]
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data: the verdicts."""
-        names = ("test", "about", "statistic", "limit", "p", "passed", "remark")
+        names = ("test", "about", "statistic", "limit", "p", "passed", "remark", "effect")
         rows = [{name: getattr(v, name) for name in names} for v in self.verdicts]
         for row in rows:
             row.update({k: None for k, v in row.items() if isinstance(v, float) and not math.isfinite(v)})
@@ -82,6 +99,7 @@ def validate(
     uncertainty: Mapping[str, float] | None = None,
     alpha: float = 0.01,
     lags: int | None = None,
+    hour: float = 3600.0,
 ) -> Validation:
     """All tests of a fitted model on one record.
 
@@ -93,6 +111,7 @@ def validate(
     uncertainty : known standard uncertainty of measured inputs and outputs by symbol, their units (Eq. 2.29)
     alpha : level of each test
     lags : of the autocorrelation; by default 10 log10 N, at most N / 5
+    hour : an hour in the data's unit of time; 1 where that is the hour
     """
     record = data if data is not None else result.records[0]
     path = result.paths(record)[0]
@@ -110,7 +129,8 @@ def validate(
         if other is not None:
             verdicts += _cross(result, record, other, j)
     verdicts += _uncertainty(result, record, path, uncertainty)
-    verdicts += plausibility(result, record)
+    verdicts += _ahead(result, record, hour)
+    verdicts += plausibility(result, record, hour)
     return Validation(result, record, path, tuple(verdicts), curves)
 
 
@@ -170,6 +190,7 @@ def _whiteness(symbol: str, z: FloatArray, lags: int, alpha: float) -> tuple[lis
     rho = autocorrelation(z, lags)
     band = float(stats.norm.isf(alpha / 2 / lags)) / math.sqrt(n)
     worst = int(np.abs(rho[1:]).argmax()) + 1
+    limit, slight = max(band, SMALL), bool(np.abs(rho[1:]).max() < SMALL)
     box = acorr_ljungbox(np.nan_to_num(z - np.nanmean(z)), lags=[lags])
     q, p = float(box["lb_stat"].iloc[0]), float(box["lb_pvalue"].iloc[0])
     frequency, c = cumulated_periodogram(z)
@@ -180,11 +201,11 @@ def _whiteness(symbol: str, z: FloatArray, lags: int, alpha: float) -> tuple[lis
     ldf_limit = _ldf_limit(n, len(squares), alpha)
     at = int(dependence.argmax()) + 1
     verdicts = [
-        Verdict("autocorrelation", symbol, float(rho[worst]), band, math.nan, abs(rho[worst]) < band,
-                f"largest at lag {worst}; limit for {lags} lags together"),
-        Verdict("Ljung-Box", symbol, q, float(stats.chi2.isf(alpha, lags)), p, p > alpha, f"{lags} lags"),
-        Verdict("cumulated periodogram", symbol, distance, ks, math.nan, distance < ks,
-                "distance from the diagonal; Kolmogorov-Smirnov band"),
+        Verdict("autocorrelation", symbol, float(rho[worst]), limit, math.nan, abs(rho[worst]) < limit,
+                f"largest at lag {worst}; limit for {lags} lags together, or what is small", abs(float(rho[worst]))),
+        Verdict("Ljung-Box", symbol, q, float(stats.chi2.isf(alpha, lags)), p, p > alpha or slight, f"{lags} lags"),
+        Verdict("cumulated periodogram", symbol, distance, ks, math.nan, distance < max(ks, SMALL / 2),
+                "distance from the diagonal; Kolmogorov-Smirnov band, or what is small", distance),
         Verdict("lag dependence", symbol, float(dependence[at - 1]), ldf_limit, math.nan,
                 bool(dependence.max() < ldf_limit),
                 f"non-linear dependence, largest at lag {at}"),
@@ -212,7 +233,7 @@ def signals(result: FitResult, d: Data, path: FilterPath) -> list[tuple[str, str
 def _against_signals(result: FitResult, d: Data, path: FilterPath, j: int, alpha: float) -> list[Verdict]:
     """Residuals against every input and predicted output: correlation, and any curve (F test of group means)."""
     model, out = result._model(), []
-    symbol = model.symbols["outputs"][j]
+    symbol, unit = model.outputs[j].symbol, model.outputs[j].unit
     z = path.standardised[1:, j]
     held_against = signals(result, d, path)
     for name, _, signal in held_against:
@@ -228,8 +249,13 @@ def _against_signals(result: FitResult, d: Data, path: FilterPath, j: int, alpha
         remark = (
             "no relation" if p > limit else ("a line" if p_line <= p_curve else "a curve") + " is left in the residuals"
         )
-        remark += f"; correlation, p of line and curve against {limit:.2g}"
-        out.append(Verdict("residual against", f"{symbol} / {name}", r, math.nan, p, p > limit, remark))
+        between = float(np.var([g.mean() for g in groups])) / float(np.var(z[ok])) if len(groups) > 1 else 0.0
+        size = max(abs(r), math.sqrt(between))
+        sd = float(np.nanstd(d.y[1:, j] - path.predicted[1:, j]))
+        remark += f", {size * sd:.2g} {unit} of {sd:.2g}; p of line and curve against {limit:.2g}"
+        out.append(
+            Verdict("residual against", f"{symbol} / {name}", r, SMALL, p, p > limit or size < SMALL, remark, size)
+        )
     return out
 
 
@@ -297,20 +323,88 @@ def _cross(result: FitResult, own: Data, other: Data, j: int) -> list[Verdict]:
     return out
 
 
-def plausibility(result: FitResult, d: Data) -> list[Verdict]:
+def _horizons(d: Data, hour: float) -> dict[str, int]:
+    """Samples ahead by name: the next one, and the hours that the record holds several of."""
+    step = float(np.median(d.dt))
+    found = {"1 sample": 1}
+    for hours in HOURS:
+        k = round(hours * hour / step)
+        if 1 < k < len(d) // 3:
+            found[f"{hours:g} h"] = k
+    return found
+
+
+def _ahead(result: FitResult, d: Data, hour: float) -> list[Verdict]:
+    """Skill and coverage of forecasts at several horizons."""
+    out = []
+    day = round(24 * hour / float(np.median(d.dt)))
+    for name, k in _horizons(d, hour).items():
+        first = min(day, len(d) - k - 2) if day + k < len(d) else len(d) // 10
+        rows = np.unique(np.linspace(first, len(d) - k - 1, ORIGINS).astype(np.int64))
+        ahead = result.forecast(rows.tolist(), k, d)
+        for j, q in enumerate(result._model().outputs):
+            out += _skill(d.y[:, j], rows, k, ahead.y[:, -1, j], day, f"{q.symbol} {name}", q.unit)
+            z = (d.y[rows + k, j] - ahead.y[:, -1, j]) / np.sqrt(ahead.variance[:, -1, j])
+            out += _coverage(z[np.isfinite(z)], len(d) // k, f"{q.symbol} {name}")
+    return out
+
+
+def _skill(
+    y: FloatArray, rows: NDArray[np.int64], k: int, forecast: FloatArray, day: int, about: str, unit: str
+) -> list[Verdict]:
+    """Error of forecasts over that of the better of "as now" and "as yesterday"."""
+
+    def rms(error: FloatArray) -> float:
+        return math.sqrt(float(np.nanmean(error**2))) if np.isfinite(error).any() else math.nan
+
+    truth, guesses = y[rows + k], {"as now": rms(y[rows + k] - y[rows])}
+    if day >= k and (rows + k >= day).all() and 1 < day < len(y):
+        guesses["as yesterday"] = rms(truth - y[rows + k - day])
+    own, (best, reference) = rms(truth - forecast), min(guesses.items(), key=lambda g: g[1])
+    if not (math.isfinite(own) and reference > 0):
+        return []
+    told = ", ".join(f"{name} {error:.3g}" for name, error in guesses.items())
+    better = own <= WORSE * reference
+    remark = f"rms {own:.3g} {unit}; {told}" + ("" if better else f": worse than {best!r}, the model has no skill here")
+    return [Verdict("skill", about, own / reference, WORSE, math.nan, better, remark, own / reference - 1.0)]
+
+
+def _coverage(z: FloatArray, independent: int, about: str) -> list[Verdict]:
+    """Shares of forecasts within their intervals, against the probabilities that these have."""
+    out = []
+    for probability in INTERVALS if len(z) > 1 else ():
+        share = float(np.mean(np.abs(z) < stats.norm.isf((1 - probability) / 2)))
+        error = math.sqrt(probability * (1 - probability) / max(1, min(len(z), independent)))
+        allowed = max(COVERAGE, 3 * error)
+        remark = f"share of {len(z)} forecasts within their {probability:.0%} interval, {allowed:.2f} allowed"
+        passed = abs(share - probability) <= allowed
+        miss = abs(share - probability)
+        name = f"{about} {probability:.0%}"
+        out.append(Verdict("coverage", name, share, probability, math.nan, passed, remark, miss))
+    return out
+
+
+def plausibility(result: FitResult, d: Data, hour: float = 3600.0) -> list[Verdict]:
     """Bounds, significance and time constants: estimates that physics or the sampling cannot mean."""
     model, out = result._model(), []
     for name in result.at_bound:
         out.append(Verdict("plausible", name, result.params[name], math.nan, math.nan, False, "ended at its bound"))
     for name in result.unidentifiable:
-        out.append(Verdict("identifiable", name, math.nan, math.nan, math.nan, False, "the data say nothing about it"))
+        ways = "; ".join(f.words for f in result.flat if name in f.powers) or "the data say nothing about it"
+        out.append(Verdict("identifiable", name, math.nan, math.nan, math.nan, False, ways))
     taus = time_constants(result, d)
     step, span = float(np.median(d.dt)), float(d.t[-1] - d.t[0])
+    unit = {3600.0: "s", 60.0: "min", 1.0: "h"}.get(hour, "of the data's time")
     for i, tau in enumerate(taus):
         ok = step / 10 <= tau <= 5 * span
-        remark = f"s; sampled every {step:g} s, over {span:g} s"
-        if tau < 0 or not math.isfinite(tau):
-            remark = "unstable or without restoring force; " + remark
+        remark = f"{unit}; sampled every {step:g}, over {span:g}"
+        if abs(tau) > INTEGRATES * span:
+            ok, remark = (
+                True,
+                "integrates: this state keeps what inputs and noise have added up",
+            )
+        elif tau < 0:
+            remark = "unstable: it moves away from where it is; " + remark
         out.append(Verdict("time constant", f"{model.name} {i + 1}", tau, 5 * span, math.nan, ok, remark))
     return out
 

@@ -20,6 +20,7 @@ from fdd.greybox.validate import (
     time_constants,
     validate,
 )  # fmt: skip
+from fdd.models.declare import ComponentModel
 from tests.greybox import problems
 from tests.greybox.records import ou1d
 
@@ -177,3 +178,84 @@ def test_page_is_one_file_with_every_verdict(good: FitResult) -> None:
 def test_real_reference_record_validates_against_itself() -> None:
     v = validate(fit(problems.ou1d(), ou1d()))
     assert v.to_dict()["verdicts"][0]["about"] == "y"
+
+
+def walk(n: int = 600, seed: int = 3) -> tuple[ComponentModel, Data]:
+    """A true integrator: a store that an input fills, with leaks nobody knows."""
+    m = problems.declared(
+        "store",
+        states=problems._states(x=0.5),
+        inputs=problems._q("u"),
+        outputs=problems._q("y"),
+        parameters=tuple(problems.log_parameter(s, v, v / 1e3, v * 1e3) for s, v in dict(k=0.5, s=0.2, r=0.1).items()),
+        drift=lambda x, u, p: {"x": p.k * u.u},
+        diffusion=lambda x, u, p: {"x": p.s},
+        observe=lambda x, u, p: {"y": x.x},
+        noise=lambda x, u, p: {"y": p.r},
+        start=problems.constant_start(x=0.0),
+    )
+    u = np.random.default_rng(seed).normal(size=(n, 1))
+    return m, realise(m, np.array([0.5, 0.2, 0.1]), Data(np.arange(n) * 0.5, u, np.zeros((n, 1))), seed)
+
+
+def test_a_true_integrator_is_called_one_and_passes() -> None:
+    m, d = walk()
+    v = validate(fit(m, d), hour=1.0)
+    (tau,) = [w for w in v.verdicts if w.test == "time constant"]
+    assert tau.passed
+    assert "integrates" in tau.remark
+    assert v.passed, v.table()
+
+
+def test_a_model_worse_than_as_now_has_no_skill() -> None:
+    """A first-order model pulled to a level that drifts away: fine one step ahead, useless a day ahead."""
+    n = 24 * 40
+    random = np.random.default_rng(4)
+    y = 20 + np.cumsum(0.15 * random.normal(size=n)) + 0.05 * random.normal(size=n)
+    d = Data(np.arange(float(n)), np.zeros((n, 1)) + 0.01 * random.normal(size=(n, 1)), y[:, None])
+    m = dataclasses.replace(
+        problems.ou1d(), drift=lambda x, u, p: {"x": p.th * (p.mu + u.u - x.x)}, start=lambda y, u, p: {"x": y.y}
+    )
+    found = fit(m, d, fixed={"th": 0.08, "mu": 12.0})
+    v = validate(found, hour=1.0)
+    worse = [w for w in v.verdicts if w.test == "skill" and not w.passed]
+    assert [w.about for w in worse][-1] == "y 24 h"
+    assert "no skill" in worse[-1].remark
+    assert any("skill of y 24 h" in cause for cause in v.causes())
+
+
+def test_forecasts_have_the_moments_of_the_process_itself() -> None:
+    """An Ornstein-Uhlenbeck process k steps ahead: mean and variance in closed form."""
+    d = simulated(6, 400)
+    found = fit(problems.ou1d(), dataclasses.replace(d, u=np.zeros((400, 1)) + 0.0 * d.u), errors="fisher")
+    th, mu, lsx, lsy = found.values
+    quiet = dataclasses.replace(d, u=np.zeros((400, 1)))
+    ahead = found.forecast([100, 250], 30, quiet)
+    path = found.paths(quiet)[0]
+    for j, i in enumerate((100, 250)):
+        for k in (1, 10, 30):
+            decay = np.exp(-th * 0.1 * k)
+            mean = mu + (path.xf[i, 0] - mu) * decay
+            variance = path.Pf[i, 0, 0] * decay**2 + np.exp(2 * lsx) * (1 - decay**2) / (2 * th)
+            assert ahead.x[j, k - 1, 0] == pytest.approx(mean, rel=1e-9)
+            assert ahead.P[j, k - 1, 0, 0] == pytest.approx(variance, rel=1e-9)
+            assert ahead.variance[j, k - 1, 0] == pytest.approx(variance + np.exp(2 * lsy), rel=1e-9)
+    np.testing.assert_allclose(ahead.y[:, 4, 0], found.predict(5, quiet)[[105, 255], 0], rtol=1e-12)
+
+
+def test_sampled_paths_have_the_forecast_distribution() -> None:
+    d = simulated(6, 400)
+    found = fit(problems.ou1d(), d, errors="fisher")
+    states, outputs = found.sample(200, 20, 1500, seed=1)
+    ahead = found.forecast([200], 20)
+    for k in (0, 4, 19):
+        assert states[:, k, 0].mean() == pytest.approx(ahead.x[0, k, 0], abs=4 * np.sqrt(ahead.P[0, k, 0, 0] / 1500))
+        assert outputs[:, k, 0].var() == pytest.approx(ahead.variance[0, k, 0], rel=4 * np.sqrt(2 / 1500))
+
+
+def test_intervals_that_are_too_narrow_fail_their_coverage(good: FitResult) -> None:
+    d = simulated(3)
+    assert all(w.passed for w in validate(good).verdicts if w.test == "coverage")
+    wrong = dataclasses.replace(good, params={**good.params, "lsx": good.params["lsx"] - 1.0})
+    failed = {w.about for w in validate(wrong, d).verdicts if w.test == "coverage" and not w.passed}
+    assert "y 1 sample 95%" in failed
