@@ -37,7 +37,7 @@ LARGER = (1.0, 2.0, 4.0)
 NONE = (4.0, 8.0, 16.0)
 """The same for what no alternative explains."""
 NORMAL, UNKNOWN = "normal", "none of these"
-PRIOR = {NORMAL: 0.9, UNKNOWN: 0.02}
+PRIOR = {NORMAL: 0.9, UNKNOWN: 0.005}
 """Odds on a day before it was seen; the faults share the rest."""
 FINEST = 0.2
 """A form's errors are never learned smaller than this, in the outputs' unit."""

@@ -185,7 +185,7 @@ def term_symbols(row: Row) -> tuple[str, ...]:
 
 
 def _sensor_terms(row: Row) -> tuple[str, ...]:
-    return tuple(r for r in row.needs if r.startswith("T_") and not r.endswith("_set"))
+    return tuple(r for r in row.needs if r.startswith("T_") and "_set" not in r)
 
 
 def prior(model: EquipmentModel, row: Row, errors: Mapping[str, float] | None = None) -> Belief:

@@ -78,6 +78,19 @@ FAN, FAN_SD = 1.0, 0.6
 """Heat of a supply fan at full speed, and what is not known of it [K]: 2 degF in Guideline 36."""
 
 
+def supply_outside(side: int) -> Callable[[Day], Residual]:
+    """A row's residual: with both valves shut the supply air, less the fan's heat, beyond return and outdoor air."""
+
+    def residual(v: Day) -> Residual:
+        idle = v.held(running(v), SETTLED) & shut(v, "cool") & shut(v, "heat")
+        rise = fan_factor(v)
+        bound = np.maximum(side * v["T_return"], side * v["T_out"])
+        beyond = side * (v["T_supply"] - FAN * rise) - bound
+        return only(idle, beyond), {"T_supply": 1.0, "T_return": 0.7, "T_out": 0.7, "fan": -side * rise}
+
+    return residual
+
+
 def cooling_only(v: Day) -> Residual:
     """A cooling coil does not warm the air."""
     busy = v.held(running(v), SETTLED) & shut(v, "heat") & (v["cool"] > SHUT)

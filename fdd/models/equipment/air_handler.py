@@ -396,6 +396,19 @@ ROWS = (
         high_causes=(*MIXING, HEAT_LEAK, HEAT_STUCK),
         inequality=True,
     ),
+    *(
+        Row(
+            f"supply air over shut coils, {'above' if side > 0 else 'below'} all that enters",
+            ("T_supply", "T_return", "T_out", "cool", "heat", "fan"),
+            air.supply_outside(side),
+            f"{G36} FC#2, FC#3, FC#8",
+            high=f"with both valves shut the supply air is {more} than return and outdoor air",
+            high_causes=(*(HEATS if side > 0 else COOLS), BIAS_SUPPLY, BIAS_RETURN, BIAS_OUT),
+            terms=(FAN_TERM,),
+            inequality=True,
+        )
+        for side, more in ((1, "hotter"), (-1, "colder"))
+    ),
     _damper_row("shut", 0.0, air.SHUT, 0.03, 0.05),
     _damper_row("a little open", 0.05, 0.30, 0.14, 0.10),
     _damper_row("half open", 0.30, 0.80, 0.40, 0.15),

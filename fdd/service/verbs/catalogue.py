@@ -7,6 +7,8 @@ from dataclasses import asdict
 
 from fdd.config.schema import CHILLER
 from fdd.models.declare import Quantity
+from fdd.models.equipment import KINDS
+from fdd.models.expectation import EquipmentModel
 from fdd.models.registry import MODELS, get_model
 from fdd.records import JsonObject
 
@@ -24,8 +26,53 @@ def catalogue() -> list[JsonObject]:
             "outputs": list(get_model(name).symbols["outputs"]),
         }
         for name, factory in sorted(MODELS.items())
+        if name not in KINDS
     ]
-    return [*filters, _chiller_row()]
+    return [*filters, _chiller_row(), *(_kind_row(kind) for kind in KINDS.values())]
+
+
+def _kind_row(kind: EquipmentModel) -> JsonObject:
+    return {
+        "name": kind.name,
+        "title": f"{kind.title}, by rows of expectations from the first day",
+        "options": "docs/equipment.md",
+        "inputs": [r.symbol for r in kind.roles],
+        "outputs": [],
+    }
+
+
+def _describe_kind(kind: EquipmentModel) -> JsonObject:
+    """Roles with the names they may have in a site file, and what each fault shows through."""
+    roles = [
+        {
+            "symbol": r.symbol,
+            "unit": r.unit,
+            "meaning": f"{r.meaning}{', required' if r.required else ''}; also {', '.join(r.names)}",
+        }
+        for r in kind.roles
+    ]
+    parameters = (
+        [{"symbol": p.symbol, "unit": p.unit, "meaning": p.meaning} for p in kind.form.priors] if kind.form else []
+    )
+    faults = [
+        {
+            "name": f.name,
+            "meaning": f.meaning,
+            "shows": "; ".join(r.name for r in kind.rows if f.name in (*r.high_causes, *r.low_causes)),
+        }
+        for f in kind.faults
+    ]
+    return {
+        "name": kind.name,
+        "version": "rows 1",
+        "title": kind.title,
+        "states": [],
+        "inputs": roles,
+        "outputs": [],
+        "parameters": parameters,
+        "faults": faults,
+        "references": [f"{r.name}: {r.source}" for r in kind.rows],
+    }
 
 
 def _chiller_row() -> JsonObject:
@@ -65,6 +112,8 @@ def describe(name: str) -> JsonObject:
     """A model's tables: states, inputs, outputs, parameters, faults, references."""
     if name == CHILLER:
         return _describe_chiller()
+    if name in KINDS:
+        return _describe_kind(KINDS[name])
     model = get_model(name)
     tables = {t: [asdict(q) for q in getattr(model, t)] for t in ("states", "inputs", "outputs", "parameters")}
     faults = [
