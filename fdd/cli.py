@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -16,6 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from fdd import __version__
 
@@ -284,6 +286,47 @@ def alarms_clear(site_file: SiteFile, key: Key, comment: Comment = "", by: By = 
     from fdd.service.verbs.operate import command
 
     out.print(command(site_file, key, "clear", by, comment))
+
+
+@alarms.command("history", epilog=example("fdd alarms history plant.yaml", "fdd alarms history plant.yaml KEY --json"))
+def alarms_history(
+    site_file: SiteFile,
+    key: Annotated[str | None, typer.Argument(help="Of one alarm alone.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """What people asked of alarms and of the service, and what became of it: the audit trail."""
+    from fdd.service.verbs.operate import history
+
+    found = history(site_file, key)
+    if as_json:
+        _print_json({"history": found})
+        return
+    table = Table("line", "when", "what", "who", "through", "alarm", "outcome", "comment", box=None)
+    for line in found:
+        when = datetime.fromtimestamp(line["wall"], UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+        cells = (line.get(k, "") for k in ("who", "through", "alarm", "outcome", "comment"))
+        table.add_row(str(line["line"]), when, line["what"], *(Text(str(c)) for c in cells))
+    out.print(table if found else "Nobody has asked anything yet.", soft_wrap=True)
+
+
+@alarms.command("verify", epilog=example("fdd alarms verify plant.yaml"))
+def alarms_verify(site_file: SiteFile) -> None:
+    """Check that the audit trail was not changed or cut short since the daemon wrote it."""
+    from fdd.service.verbs.operate import verify_history
+
+    out.print(verify_history(site_file), soft_wrap=True)
+
+
+@app.command("turn-back", epilog=example("fdd turn-back plant.yaml --to now"))
+def turn_back(
+    site_file: SiteFile,
+    to: Annotated[str, typer.Option(help="When event time goes on: 'now', or a time in the site's zone.")] = "now",
+    by: By = USER,
+) -> None:
+    """Set event time back after a clock was wrong: filters start afresh, charts, alarms and baselines stand."""
+    from fdd.service.verbs.operate import turn_back as ask
+
+    out.print(ask(site_file, to, by), soft_wrap=True)
 
 
 @app.command(

@@ -7,7 +7,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from fdd.tables import Strict, refusal
+from fdd.tables import Duration, Strict, refusal
 from ingest.login import LoginOptions
 
 
@@ -45,7 +45,34 @@ class ZenohOptions(ZenohLink):
     until_end: bool = Field(default=False, description="stop at the publisher's end-of-stream message")
 
 
+class Person(Strict):
+    """Somebody who may see and handle alarms."""
+
+    role: Literal["read", "acknowledge", "clear", "approve"] = Field(
+        description="read lists; acknowledge also shelves; clear also clears; approve also sets back event time"
+    )
+
+
 class OperatorOptions(ZenohLink):
     """Where operators ask for alarms and say what they did about them."""
 
     key: str = Field(default="", description="key of the queries; fdd/NAME OF THE SITE/alarms where it is not given")
+    people: dict[str, Person] | None = Field(
+        default=None,
+        description="name (user of users_file, or common name of a certificate) to role; without it nobody commands",
+    )
+    longest_shelving: Duration = Field(default=90 * 86400.0, description="an alarm is shelved for so long at most")
+
+    @model_validator(mode="after")
+    def _known_people(self) -> Self:
+        for name in self.people or {}:
+            if not name or any(c in name for c in "/*$#?@ "):
+                raise refusal(f"{name!r} cannot stand in a key", "Use letters, digits, dots and dashes.", "people")
+        mutual = self.tls is not None and self.tls.certificate is not None and self.tls.key is not None
+        if self.people and self.listen and not (self.users_file or mutual):
+            raise refusal(
+                "people connect to us, and nothing says who they are",
+                "Add users_file, or tls with certificate and key on both sides.",
+                "people",
+            )
+        return self

@@ -18,7 +18,7 @@ from typing import Any
 import zenoh
 
 from ingest.source import NotReady
-from ingest.zenoh.options import ZenohLink
+from ingest.zenoh.options import OperatorOptions, ZenohLink
 
 HISTORY, PUBLISHER = "_history", "_publisher"
 _HISTORY_SECONDS = 5.0
@@ -26,8 +26,8 @@ _HISTORY_SECONDS = 5.0
 _BLOCK_MICROSECONDS = 60_000_000
 
 
-def open_session(options: ZenohLink, folder: Path) -> Any:
-    """An open session.
+def open_session(options: ZenohLink, folder: Path, questions: str = "") -> Any:
+    """An open session; ``questions`` is the key of an operator's, where access is limited to the people named.
 
     Raises
     ------
@@ -35,7 +35,10 @@ def open_session(options: ZenohLink, folder: Path) -> Any:
     Refused : the password is not there.
     """
     config = zenoh.Config()
-    for key, value in _settings(options, folder).items():
+    settings = _settings(options, folder)
+    if isinstance(options, OperatorOptions) and options.people and options.listen:
+        settings["access_control"] = _access(options, questions)
+    for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     try:
         return zenoh.open(config)
@@ -86,6 +89,32 @@ def _tls(options: ZenohLink, folder: Path) -> dict[str, Any]:
     return settings
 
 
+def _access(options: OperatorOptions, key: str) -> dict[str, Any]:
+    """Who may ask at which key: everybody who may connect lists alarms, each person uses the key with their name."""
+
+    def rule(name: str, keys: list[str]) -> dict[str, Any]:
+        return {"id": name, "permission": "allow", "flows": ["ingress"], "messages": ["query"], "key_exprs": keys}
+
+    own = {
+        "id": "own",
+        "permission": "allow",
+        "flows": ["egress", "ingress"],
+        "messages": ["reply", "declare_queryable"],
+        "key_exprs": [key, f"{key}/**"],
+    }
+    people = [rule(f"as {name}", [key, f"{key}/as/{name}"]) for name in options.people or {}]
+    field = "usernames" if options.users_file else "cert_common_names"
+    subjects = [{"id": name, field: [name]} for name in options.people or {}]
+    policies = [{"rules": [f"as {name}", "own"], "subjects": [name]} for name in options.people or {}]
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [own, *people],
+        "subjects": subjects,
+        "policies": policies,
+    }
+
+
 def declare_publisher(session: Any, key: str, name: str, history: Callable[[bytes], bytes]) -> tuple[Any, ...]:
     """A publisher, the answerer of its history, and the sign that it is alive; the publisher comes first.
 
@@ -128,23 +157,41 @@ def ask_history(session: Any, key: str, have: Mapping[str, int]) -> list[bytes]:
     return ask(session, f"{key}/{HISTORY}", json.dumps({"have": dict(have)}).encode(), _HISTORY_SECONDS)
 
 
-def declare_questions(session: Any, key: str, receive: Callable[[Question], None]) -> Any:
-    """Take questions on a key; ``receive`` gets each from one of Zenoh's threads and may answer it from any other."""
-    return session.declare_queryable(key, lambda query: receive(Question(query, key)))
+AS = "as"
+"""What stands between the key of questions and the name of who asks."""
+
+
+def declare_questions(session: Any, key: str, receive: Callable[[Question], None]) -> tuple[Any, ...]:
+    """Take questions on ``key`` and on ``key/as/NAME``.
+
+    ``receive`` gets each from one of Zenoh's threads and may answer it from any other.
+    """
+
+    def take(query: Any) -> None:
+        receive(Question(query, key))
+
+    return session.declare_queryable(key, take), session.declare_queryable(f"{key}/{AS}/*", take)
 
 
 class Question:
-    """A query that waits for its answer; its parameters (after ``?`` in the selector) and payload."""
+    """A query that waits for its answer; its parameters (after ``?`` in the selector), payload, and who asks.
+
+    ``person`` is the name in the key that was used; empty for a key without, or with a wild card.
+    """
 
     def __init__(self, query: Any, key: str) -> None:
-        self._query, self._key = query, key
+        self._query = query
+        self._key = str(query.key_expr)
         self.parameters = dict(query.parameters)
         self.payload = b"" if query.payload is None else query.payload.to_bytes()
+        name = self._key.removeprefix(f"{key}/{AS}/")
+        self.person = "" if name == self._key or "*" in name or "/" in name else name
 
     def answer(self, payload: bytes) -> None:
         """Answer, once."""
         with self._query:
-            self._query.reply(self._key, payload)
+            if "*" not in self._key:  # a wild card names nobody to answer as
+                self._query.reply(self._key, payload)
 
 
 def ask(session: Any, selector: str, payload: bytes = b"", seconds: float = 10.0) -> list[bytes]:

@@ -121,7 +121,10 @@ class Running:
     def __init__(self, site_file: Path, samples: int, questions: int) -> None:
         self.site_file = site_file
         self.publisher = ZenohPublisher(ZenohOptions(connect=(f"tcp/127.0.0.1:{samples}",)), "room/plant")
-        options = OperatorOptions(connect=(f"tcp/127.0.0.1:{questions}",))
+        (site_file.parent / "anna.password").write_text("secret")
+        options = OperatorOptions(
+            connect=(f"tcp/127.0.0.1:{questions}",), user="anna", password_file=Path("anna.password")
+        )
         self.session: Any = open_session(options, site_file.parent)
         self.key = key_of(load_site(site_file))
 
@@ -131,6 +134,7 @@ class Running:
         self.publisher.publish(Batch.of(Sample(p, t, v) for t, row in rows for p, v in zip(POINTS, row, strict=True)))
 
     def ask(self, selector: str = "", **asked: str) -> Any:
+        selector = "/as/anna" if asked else selector
         (answer,) = ask(self.session, self.key + selector, json.dumps(asked).encode() if asked else b"", 30.0)
         return json.loads(answer)
 
@@ -144,8 +148,9 @@ def running(tmp_path: Path) -> Iterator[Running]:
     samples, questions = free_port(), free_port()
     extra = (
         f"source: {{kind: zenoh, key: 'room/**', listen: ['tcp/127.0.0.1:{samples}']}}\n"
-        f"operator: {{listen: ['tcp/127.0.0.1:{questions}']}}\n"
+        f"operator: {{listen: ['tcp/127.0.0.1:{questions}'], users_file: users, people: {{anna: {{role: clear}}}}}}\n"
     )
+    (tmp_path / "users").write_text("anna:secret\n")
     make_site(tmp_path, Running.course, 4, learning_days=14, extra=extra)
     site_file, log = tmp_path / "site.yaml", tmp_path / "log"
     with daemon(site_file, log) as process:
@@ -170,7 +175,7 @@ def test_operators_list_and_handle_alarms_over_zenoh(running: Running) -> None:
     last = done["alarm"]["history"][-1]
     assert (last["actor"], last["comment"], last["through"]) == ("anna", "on my way", "zenoh")
     assert "cannot be acknowledged" in running.ask(action="acknowledge", **shared)["outcome"]
-    shelved = running.ask(action="shelve", **shared, **{"for": "8 h"})
+    shelved = running.ask(action="shelve", comment="part ordered", **shared, **{"for": "8 h"})
     assert shelved["alarm"]["evidence"]["shelved_until"] == shelved["alarm"]["history"][-1]["time"] + 8 * HOUR
     assert running.ask(action="unshelve", **shared)["alarm"]["state"] == "raised"
     # What the store and the CLI see is the same alarm; the CLI's own command is answered by the daemon, too.
@@ -183,7 +188,8 @@ def test_operators_list_and_handle_alarms_over_zenoh(running: Running) -> None:
     assert told == dict.fromkeys([key, *(a["key"] for a in models)], "cleared")
     for asked, wrong in (
         ({"action": "delete", **shared}, "there is no action 'delete'"),
-        ({"action": "clear", "alarm": key}, "by missing"),
+        ({"action": "clear", "by": "anna"}, "alarm missing"),
+        ({"action": "clear", "alarm": key, "by": "bert"}, "this key is 'anna''s"),
         ({"action": "clear", **shared, "who": "me"}, "unknown who"),
         ({"action": "shelve", **shared, "for": "soon"}, "soon"),
         ({"action": "clear", **shared}, "no open alarm"),

@@ -16,17 +16,19 @@ import numpy as np
 import structlog
 
 from fdd.records import NANOSECONDS, Batch, JsonObject, Rows
+from fdd.service.alarms.authority import Authority
 from fdd.service.alarms.book import AlarmError, Command, alarm_to_document
 from fdd.service.baselines.versions import in_force, versions_in_force
-from fdd.service.daemon.checkpoint import Checkpoint, Rebase
+from fdd.service.daemon.checkpoint import Checkpoint, Entry, Rebase, TurnBack
 from fdd.service.daemon.commands import DONE, Desk, StoredCommands
 from fdd.service.daemon.metrics import MetricsServer
 from fdd.service.daemon.schedule import JobRunner
 from fdd.service.daemon.systemd import Watchdog
+from fdd.service.daemon.trail import Trail
 from fdd.service.engine.engine import Engine, EngineError, Outputs
 from fdd.service.site.feed import Feed
 from fdd.store.spool import SpooledStore, spool_rows
-from fdd.store.store import Store
+from fdd.store.store import Store, StoreError
 
 log = structlog.get_logger()
 
@@ -35,6 +37,8 @@ POLL_SECONDS = 1.0
 STATUS_SECONDS = 10.0
 # New baselines are rare, and looking costs a read of every pointer.
 BASELINE_SECONDS = 5.0
+# So much of the journal calls for a checkpoint, however few frames have closed.
+JOURNAL_BYTES = 32_000_000
 
 
 def resident_bytes() -> int:
@@ -74,11 +78,16 @@ class Daemon:
         jobs: JobRunner | None = None,
         metrics: MetricsServer | None = None,
         desk: Desk | None = None,
+        authority: Authority | None = None,
+        trail: Trail | None = None,
     ) -> None:
         self.engine, self._store, self._checkpoint = engine, store, checkpoint
         self._save_every, self._watch, self._now = save_every, watch, now
         self._position: JsonObject = {}
         self._commands, self._desk = StoredCommands(), desk
+        self._authority, self._trail = authority or Authority(), trail
+        self._blank = engine.export_state()
+        self._failures: dict[str, int] = {}
         self._unsaved = 0
         self._polled = 0.0
         self._compared = 0.0
@@ -91,13 +100,29 @@ class Daemon:
         self.reload_wanted = False
         self._refused: set[tuple[str, int]] = set()
         self._feed: Feed | None = None
+        self._outcome = DONE
         self.samples = 0
         self.frames = 0
 
     def recover(self) -> JsonObject:
-        """Restore the last state, step again through what was journaled since, return the source's position."""
+        """Restore the last state, step again through what was journaled since, return the source's position.
+
+        An entry that cannot be replayed is buried; then everything starts over without it, for it may have left the
+        engine half way.
+        """
+        replayed = self._replay()
+        while replayed is None:
+            replayed = self._replay()
+        if replayed:
+            log.info("recovered", journal_entries=replayed, position=self._position)
+        return self._position
+
+    def _replay(self) -> int | None:
+        """How many entries were stepped through; None where one was buried on the way."""
         state = self._checkpoint.load()
-        if state is not None:
+        if state is None:
+            self.engine.restore_state(self._blank)
+        else:
             self.engine.restore_state(state["engine"])
             self._position = state["position"]
             self._commands.restore_state(state["commands"])
@@ -105,17 +130,36 @@ class Daemon:
             if self._jobs:
                 self._jobs.restore(state.get("jobs", {}))
         replayed = 0
-        for entry in self._checkpoint.entries():
+        for number, entry in self._checkpoint.numbered():
+            if not self._do(number, entry):
+                return None
             replayed += 1
+        return replayed
+
+    def _do(self, number: int, entry: Entry) -> bool:
+        """Carry out a journaled entry; False where that was impossible, and it is buried."""
+        try:
             if isinstance(entry, Batch):
-                self._take(entry)
+                outputs = self.engine.step(entry)
             elif isinstance(entry, Rebase):
-                self._rebase(entry)
+                self._rebase(entry, number)
+                return True
+            elif isinstance(entry, TurnBack):
+                self._turn_back(entry, number)
+                return True
             else:
-                self._obey(entry)
-        if state is not None or replayed:
-            log.info("recovered", journal_entries=replayed, position=self._position)
-        return self._position
+                self._obey(entry, number)
+                return True
+        except (StoreError, OSError):
+            raise  # not the entry's doing: the same entry succeeds when the store is back
+        except Exception as error:  # whatever it is, it must not come again at every start
+            self._checkpoint.bury(number, f"{type(error).__name__}: {error}")
+            self._record_in_trail({"what": "buried", "reason": f"{type(error).__name__}: {error!s:.300}"}, number)
+            return False
+        self._position = entry.position
+        self.samples += len(entry)
+        self._keep(outputs)
+        return True
 
     @property
     def position(self) -> JsonObject:
@@ -126,13 +170,14 @@ class Daemon:
         """Take batches until the sources end or are stopped; True where new sources are to be opened instead."""
         self._feed = feed
         for batch in feed.batches():
-            if len(batch) or batch.position != self._position:
-                self._checkpoint.journal(batch)
+            if len(batch):
                 self._take(batch)
+            else:
+                self._position = batch.position  # saved with the state; asking again for nothing costs nothing
             self._poll()
             if self.reload_wanted and self._reload():
                 return True
-            if self._unsaved >= self._save_every:
+            if self._unsaved >= self._save_every or self._checkpoint.unsaved_bytes > JOURNAL_BYTES:
                 self.save()
             if self._watch:
                 self._watch(self)
@@ -154,6 +199,7 @@ class Daemon:
                 "samples": self.samples,
                 "frames": self.frames,
                 "jobs": self._jobs.state if self._jobs else {},
+                "trail": self._trail_head(),
             }
         )
         self._unsaved = 0
@@ -176,10 +222,14 @@ class Daemon:
         self._tell()
 
     def _take(self, batch: Batch) -> None:
-        outputs = self.engine.step(batch)
-        self._position = batch.position
-        self.samples += len(batch)
-        self._keep(outputs)
+        self._perform(batch)
+
+    def _perform(self, entry: Entry) -> bool:
+        """Journal an entry and carry it out; one that cannot be is buried, and the state from before it restored."""
+        if self._do(self._checkpoint.journal(entry), entry):
+            return True
+        self.recover()
+        return False
 
     def _keep(self, outputs: Outputs) -> None:
         self.frames += outputs.frames
@@ -193,6 +243,13 @@ class Daemon:
         for alarm in outputs.alarms:
             log.info("alarm", key=alarm.key, state=str(alarm.state), summary=alarm.summary)
 
+    def _record_in_trail(self, content: JsonObject, number: int = 0) -> None:
+        if self._trail:
+            self._trail.add({"wall": round(self._now(), 3), **content}, number)
+
+    def _trail_head(self) -> JsonObject:
+        return {"lines": self._trail.head.lines, "seal": self._trail.head.seal} if self._trail else {}
+
     def _poll(self) -> None:
         """Now and then, look for what others left in the store."""
         now = self._now()
@@ -202,14 +259,27 @@ class Daemon:
         self._watchdog.alive()
         if self._metrics:
             self._metrics.alive()
-        self._poll_commands()
-        if self._jobs and self.engine.time is not None:
-            self._record(self._jobs.tick(self.engine.time))
+        self._guarded("commands", self._poll_commands)
+        self._guarded("jobs", self._poll_jobs)
         if now - self._told >= STATUS_SECONDS:
-            self._tell()
+            self._guarded("status", self._tell)
         if now - self._compared >= BASELINE_SECONDS:
             self._compared = now
-            self._poll_baselines()
+            self._guarded("baselines", self._poll_baselines)
+
+    def _guarded(self, what: str, turn: Callable[[], None]) -> None:
+        """What is not detection may fail, and is counted: the samples go on."""
+        try:
+            turn()
+        except (StoreError, OSError):
+            raise
+        except Exception as error:  # a document that somebody left, an answer that cannot be written
+            self._failures[what] = self._failures.get(what, 0) + 1
+            log.error("failed, going on", what=what, error=f"{type(error).__name__}: {error!s:.300}", exc_info=True)
+
+    def _poll_jobs(self) -> None:
+        if self._jobs and self.engine.time is not None:
+            self._record(self._jobs.tick(self.engine.time))
 
     def _record(self, ended: list[JsonObject]) -> None:
         for document in ended:
@@ -244,6 +314,12 @@ class Daemon:
             "baselines": self.engine.versions,
             "jobs_next": self._jobs.state if self._jobs else {},
             "job_failures": self._job_failures,
+            "buried": self._checkpoint.buried,
+            "dead": self._checkpoint.dead(),
+            "mishaps": self._checkpoint.mishaps[-20:],
+            "failures": dict(self._failures),
+            "trail": self._trail_head() | ({"problem": self._trail.problem} if self._trail else {}),
+            "journal_bytes": self._checkpoint.unsaved_bytes,
             "rss_bytes": resident_bytes(),
         }
 
@@ -303,43 +379,55 @@ class Daemon:
         wanted = {name: pointers.get(name, version) for name, version in running.items()}
         changed = [n for n, v in wanted.items() if v != running[n] and (n, v) not in self._refused]
         if changed:
-            entry = Rebase(tuple(in_force(self._store, changed).values()))
-            self._checkpoint.journal(entry)
-            self._rebase(entry)
+            self._perform(Rebase(tuple(in_force(self._store, changed).values())))
 
-    def _rebase(self, entry: Rebase) -> None:
+    def _rebase(self, entry: Rebase, number: int = 0) -> None:
         for b in entry.baselines:
             try:
                 self.engine.rebase({b.component: b})
                 log.info("baseline in force", component=b.component, version=b.version, reason=b.reason)
+                told = {"component": b.component, "version": b.version, "reason": b.reason}
+                self._record_in_trail({"what": "baseline in force", **told}, number)
             except EngineError as error:
                 self._refused.add((b.component, b.version))
                 log.warning("baseline refused", component=b.component, version=b.version, reason=str(error))
 
     def _poll_commands(self) -> None:
-        for command in self._commands.new(self._store):
-            self._checkpoint.journal(command)
-            self._obey(command)
+        for command in self._commands.new(self._store, self._authority):
+            self._perform(command)
         if self._desk:
-            self._desk.serve(round(self._now() * NANOSECONDS), self._alarm_documents, self._carry_out)
+            wall = round(self._now() * NANOSECONDS)
+            self._desk.serve(wall, self._alarm_documents, self._carry_out, self._refused_at_desk)
+
+    def _refused_at_desk(self, who: str, why: str) -> None:
+        self._record_in_trail({"what": "refused", "who": who, "through": "zenoh", "outcome": f"refused: {why}"})
 
     def _carry_out(self, command: Command) -> tuple[str, JsonObject | None]:
         """Journal a command, obey it, and give the outcome with the alarm as it then stands."""
-        self._checkpoint.journal(command)
-        outcome = self._obey(command)
-        return outcome, self._store.get("alarm", command.alarm)
+        self._outcome = "refused: it could not be carried out, and is kept for a person to look at"
+        self._perform(command)
+        return self._outcome, self._store.get("alarm", command.alarm)
 
     def _alarm_documents(self, every: bool) -> list[JsonObject]:
         if every:
             return sorted(self._store.list("alarm"), key=lambda a: int(a["raised"]))
         return [alarm_to_document(a) for a in self.engine.alarms.open]
 
-    def _obey(self, command: Command) -> str:
+    def _obey(self, command: Command, number: int = 0) -> None:
         try:
-            self._keep(self.engine.command(command))
-            outcome = DONE
+            outputs = self.engine.command(command)
         except AlarmError as error:
             log.warning("command refused", **asdict(command), reason=str(error))
-            outcome = f"refused: {error}"
-        self._commands.close(self._store, command, outcome)
-        return outcome
+            outputs, self._outcome = Outputs(), f"refused: {error}"
+        else:
+            self._outcome = DONE
+        told = {"what": command.action, "alarm": command.alarm, "who": command.actor, "through": command.through}
+        self._record_in_trail({**told, "comment": command.comment, "outcome": self._outcome}, number)
+        self._keep(outputs)
+        self._commands.close(self._store, command, self._outcome)
+
+    def _turn_back(self, entry: TurnBack, number: int = 0) -> None:
+        self.engine.turn_back(entry.time)
+        log.warning("event time set back", time=entry.time, by=entry.by)
+        self._record_in_trail({"what": "event time set back", "who": entry.by, "time": entry.time}, number)
+        self._commands.close(self._store, entry, DONE)

@@ -11,13 +11,16 @@ import structlog
 
 from fdd.config import Site
 from fdd.records import JsonObject
+from fdd.service.alarms.authority import Authority
 from fdd.service.daemon import systemd
 from fdd.service.daemon.checkpoint import Checkpoint, files_of
 from fdd.service.daemon.commands import Desk
 from fdd.service.daemon.daemon import Daemon
+from fdd.service.daemon.lock import StateLock
 from fdd.service.daemon.metrics import MetricsServer
 from fdd.service.daemon.ready import ready_engine
 from fdd.service.daemon.schedule import JobRunner, jobs_of
+from fdd.service.daemon.trail import Trail
 from fdd.service.site.errors import UsageError
 from fdd.service.site.feed import Feed
 from fdd.service.site.site_context import SiteContext, open_site
@@ -37,14 +40,24 @@ def run_site(site_file: Path, *, until_end: bool, fresh: bool) -> Daemon:
     """
     _configure_log()
     context = _with_sources(site_file)
+    lock = StateLock(context.checkpoint_path)  # before anything is changed: another daemon may stand on these files
+    try:
+        return _run(site_file, context, until_end=until_end, fresh=fresh)
+    finally:
+        lock.close()
+
+
+def _run(site_file: Path, context: SiteContext, *, until_end: bool, fresh: bool) -> Daemon:
     if fresh:
         for file in files_of(context.checkpoint_path):
             file.unlink(missing_ok=True)
     engine = ready_engine(context)
     checkpoint, store = Checkpoint(context.checkpoint_path), context.store()
-    metrics = _metrics(context)
-    desk = Desk(context.site) if context.site.operator else None
-    daemon = Daemon(engine, store, checkpoint, jobs=_jobs(context, site_file), metrics=metrics, desk=desk)
+    metrics, authority = _metrics(context), Authority.of(context.site)
+    desk = Desk(context.site, authority) if context.site.operator else None
+    trail = Trail(context.trail_path)
+    jobs = _jobs(context, site_file)
+    daemon = Daemon(engine, store, checkpoint, jobs=jobs, metrics=metrics, desk=desk, authority=authority, trail=trail)
     service = _Service(site_file, context, daemon, until_end)
     daemon.reload = service.reload
     service.listen()
@@ -67,6 +80,7 @@ def run_site(site_file: Path, *, until_end: bool, fresh: bool) -> Daemon:
         service.feed.close()
         store.close()
         checkpoint.close()
+        trail.close()
         if metrics:
             metrics.close()
         if desk:

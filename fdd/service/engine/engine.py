@@ -201,6 +201,20 @@ class Engine:
             self._chillers = Chillers(self.plan, self._baselines)
             self._chillers.restore_state(state)
 
+    def turn_back(self, time: int) -> None:
+        """Set event time back to ``time`` [ns], after a clock was wrong: filters start afresh, charts and alarms stand.
+
+        Frames after ``time`` may come again; what they give takes the place of what they gave.
+        """
+        self._framer.turn_back(time)
+        for g in self._groups:
+            g.restart()
+            for c in g.components:
+                self._recent.forget(c.name)
+        self._chillers = Chillers(self.plan, self._baselines)
+        if self._time is not None:
+            self._time = min(self._time, time)
+
     def departure(self, component: str, since: int, until: int) -> Departure:
         """How a component has departed from its baseline since an onset, both in ns; ten days are remembered."""
         return self._recent.departure(component, since, until)

@@ -157,6 +157,12 @@ class FilterGroup:
             information=step.information,
         )
 
+    def restart(self) -> None:
+        """Start every filter afresh with the next frame: what is remembered may lie in its future."""
+        self._rest(np.ones(len(self.components), dtype=np.bool_))
+        self._held_at[:] = NEVER
+        self._bridging[:] = False
+
     def judged_since(self, component: str) -> int:
         """Event time [ns] at which a component's charts last began to see."""
         return int(self._quiet[self._row[component]])

@@ -12,8 +12,11 @@ late                its frame had already closed (time ran backwards, or it came
 duplicate           it is not newer than what its open frame already holds for the point
 no_value            NaN or bad quality: it moved time forward, nothing else
 unknown_point       the site does not know the point
-clock_jump          more than ``max_jump`` ahead of all others, and not confirmed by the next
+clock_jump          more than ``max_jump`` ahead of all others, and not confirmed by the others
 ==================  ==========================================================================
+
+A leap of more than ``max_jump`` is believed when most of the points that were heard before it leap together, or when
+nobody contradicts for :data:`STEPS_ALONE` steps. One point, or one message, never moves the plant's time alone.
 """
 
 from __future__ import annotations
@@ -30,6 +33,7 @@ NEVER = np.iinfo(np.int64).min
 BoolArray = NDArray[np.bool_]
 # A clock that has really jumped says so again and again; a corrupt time stamp does not.
 CONFIRMATIONS = 5
+STEPS_ALONE = 12
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +62,10 @@ class Framer:
         self._watermark: int | None = None
         self._closed: int = NEVER
         self._ahead: int = 0
+        # Of every point: when it was last heard, and whether it has leapt since anybody contradicted; the first leap.
+        self._heard: IntArray = np.full(len(self.points), NEVER, dtype=np.int64)
+        self._leapt: BoolArray = np.zeros(len(self.points), dtype=np.bool_)
+        self._first_ahead: int = 0
         self._forget()
 
     def _forget(self) -> None:
@@ -69,8 +77,8 @@ class Framer:
         """Take a batch in; return the frames that it closed."""
         if len(batch) == 0:
             return self._empty()
-        keep = self._believable(batch.time)
         point = self._known(batch)
+        keep = self._believable(batch.time, point)
         time = batch.time[keep]
         point, value, quality = point[keep], batch.value[keep], batch.quality[keep]
         if len(time) == 0:
@@ -95,27 +103,52 @@ class Framer:
         table = np.array([self._index.get(name, -1) for name in batch.names], dtype=np.int64)
         return table[batch.point] if len(table) else np.full(len(batch), -1, dtype=np.int64)
 
-    def _believable(self, time: IntArray) -> BoolArray:
+    def _believable(self, time: IntArray, point: IntArray) -> BoolArray:
         """Mask of samples that are not a lone leap into the future."""
         before = time[0] if self._watermark is None else self._watermark
         running = np.maximum.accumulate(np.concatenate([[before], time]))[:-1]
         keep = np.ones(len(time), dtype=bool)
         if self._ahead == 0 and not (time > running + self.max_jump).any():
+            self._hear(time, point)
             return keep
         watermark = int(before)
-        for i, t in enumerate(time.tolist()):
+        for i, (t, p) in enumerate(zip(time.tolist(), point.tolist(), strict=True)):
             if t <= watermark + self.max_jump:
                 self._ahead = 0
                 watermark = max(watermark, t)
-                continue
-            self._ahead += 1
-            if self._ahead >= CONFIRMATIONS:
+            elif self._confirmed(t, p, watermark):
                 self._ahead = 0
                 watermark = t
+            else:
+                keep[i] = False
+                self.counts["clock_jump"] += 1
                 continue
-            keep[i] = False
-            self.counts["clock_jump"] += 1
+            self._hear(time[i : i + 1], point[i : i + 1])
         return keep
+
+    def _hear(self, time: IntArray, point: IntArray) -> None:
+        known = point >= 0
+        np.maximum.at(self._heard, point[known], time[known])
+
+    def _confirmed(self, time: int, point: int, watermark: int) -> bool:
+        """Whether a leap to ``time`` is one of the whole plant, this sample included."""
+        if point < 0:
+            return False
+        if self._ahead == 0:
+            self._leapt[:] = False
+            self._first_ahead = time
+        self._ahead += 1
+        self._leapt[point] = True
+        alive = self._heard > watermark - self.max_jump
+        most = 2 * int((self._leapt & alive).sum()) > int(alive.sum())
+        return self._ahead >= CONFIRMATIONS and (most or abs(time - self._first_ahead) >= STEPS_ALONE * self.step)
+
+    def turn_back(self, time: int) -> None:
+        """Go on from an earlier time [ns]: what was seen after it is forgotten, and may come again."""
+        self._watermark, self._ahead = time, 0
+        self._closed = min(self._closed, (time - self.lateness - 1) // self.step)
+        self._heard = np.minimum(self._heard, time)
+        self._forget()
 
     def _late(self, time: IntArray, tick: IntArray) -> BoolArray:
         first = time[0] if self._watermark is None else self._watermark
@@ -177,6 +210,9 @@ class Framer:
             "watermark": self._watermark,
             "closed": int(self._closed),
             "ahead": self._ahead,
+            "heard": self._heard.copy(),
+            "leapt": self._leapt.copy(),
+            "first_ahead": self._first_ahead,
             "counts": dict(self.counts),
             "ticks": self._ticks.copy(),
             "values": self._values.copy(),
@@ -195,3 +231,7 @@ class Framer:
         kept = old >= 0
         self._values[:, old[kept]] = np.asarray(state["values"])[:, kept]
         self._times[:, old[kept]] = np.asarray(state["times"])[:, kept]
+        self._first_ahead = int(state.get("first_ahead", 0))
+        if "heard" in state:
+            self._heard[old[kept]] = np.asarray(state["heard"], dtype=np.int64)[kept]
+            self._leapt[old[kept]] = np.asarray(state["leapt"], dtype=np.bool_)[kept]

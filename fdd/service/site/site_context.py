@@ -46,6 +46,11 @@ class SiteContext:
         return (self.site.folder / path).parent if path else self.site.folder
 
     @property
+    def trail_path(self) -> Path:
+        """The audit trail of what people asked; ``--fresh`` leaves it alone."""
+        return self.state_folder / f"{self._file_name}.audit.jsonl"
+
+    @property
     def checkpoint_path(self) -> Path:
         """The daemon's state file."""
         return self.state_folder / f"{self._file_name}.state.sqlite"
