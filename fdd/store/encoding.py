@@ -43,8 +43,10 @@ def encode(document: JsonObject, what: str) -> str:
     if not isinstance(document, dict):
         raise SchemaError(f"{what}: a document is a dict, not {type(document).__name__}")
     try:
-        return json.dumps(document, default=_plain, ensure_ascii=False, separators=(",", ":"))
-    except (TypeError, ValueError) as problem:
+        text = json.dumps(document, default=_plain, ensure_ascii=False, separators=(",", ":"))
+        text.encode()  # half of a surrogate pair is no text: no store could keep it
+        return text
+    except (TypeError, ValueError, RecursionError) as problem:
         raise SchemaError(f"{what}: {problem}; give dicts, lists, text, numbers and numpy arrays") from None
 
 
