@@ -292,6 +292,14 @@ class InfluxStore:
             parts.setdefault(row["key"], {}).setdefault(int(row["part"]), {})[row["_field"]] = row["_value"]
         return {key: decode(_joined(kind, key, parts[key])) for key in sorted(parts)}
 
+    @property
+    def misplaced(self) -> str:
+        """A server keeps its own files."""
+        return ""
+
+    def renew(self) -> None:
+        """Nothing to open again."""
+
     def close(self) -> None:
         """Let go of the connections."""
         self._writer.close()  # type: ignore[no-untyped-call]

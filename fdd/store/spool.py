@@ -24,6 +24,7 @@ import pandas as pd
 
 from fdd.records import JsonObject, Rows
 from fdd.store.encoding import decode, encode
+from fdd.store.identity import FileIdentity
 from fdd.store.rows_codec import decode_rows, encode_rows
 from fdd.store.schema import StoreError, as_sequence, check_kind, check_name, check_rows
 from fdd.store.sqlite import translated
@@ -96,7 +97,14 @@ class SpooledStore:
         self._forward_lock = threading.Lock()  # one forwarder at a time keeps the order
         self._held = threading.local()
         self._wake, self._stop = threading.Event(), threading.Event()
-        path = self._path = Path(folder) / "spool.sqlite"
+        self._path = Path(folder) / "spool.sqlite"
+        self._open()
+        self._wake.set()
+        self._thread = threading.Thread(target=self._run, name="spool", daemon=True)
+        self._thread.start()
+
+    def _open(self) -> None:
+        path = self._path
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             self._link = sqlite3.connect(path, isolation_level=None, check_same_thread=False, timeout=30)
@@ -111,9 +119,20 @@ class SpooledStore:
         self._rows, self._bytes = self._link.execute(
             "SELECT coalesce(sum(rows), 0), coalesce(sum(size), 0) FROM pending"
         ).fetchone()
-        self._wake.set()
-        self._thread = threading.Thread(target=self._run, name="spool", daemon=True)
-        self._thread.start()
+        self._identity = FileIdentity(path)
+
+    @property
+    def misplaced(self) -> str:
+        """What became of the spool's file while it was open; empty while it is the one opened."""
+        return self._identity.problem
+
+    def renew(self) -> None:
+        """Go on with what the path leads to now, or a new spool."""
+        with self._lock:
+            self._link.close()
+            for suffix in ("-wal", "-shm"):
+                Path(f"{self._path}{suffix}").unlink(missing_ok=True)
+            self._open()
 
     # ---- writing: to disk, at once
 

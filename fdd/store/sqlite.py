@@ -19,6 +19,7 @@ import pandas as pd
 from fdd.records import IntArray, JsonObject, Rows
 from fdd.store import rollup
 from fdd.store.encoding import decode, encode
+from fdd.store.identity import FileIdentity
 from fdd.store.schema import (
     MAX_SERIES,
     MEASUREMENTS,
@@ -61,10 +62,29 @@ class SqliteStore:
             self._check_version(self._reader())
         else:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._writer = self._connect("rwc")
-            self._prepare()
+            self._begin()
 
     # ---- connections
+
+    def _begin(self) -> None:
+        self._writer = self._connect("rwc")
+        self._prepare()
+        self._identity = FileIdentity(self.path)
+
+    @property
+    def misplaced(self) -> str:
+        """What became of the file under the open store: deleted or replaced; empty while it is the one opened."""
+        return "" if self.read_only else self._identity.problem
+
+    def renew(self) -> None:
+        """Open what the path leads to now, a new store if nothing; what was open is let go of."""
+        with self._lock:
+            self.close()
+            self._readers = threading.local()
+            self._ids.clear()
+            for suffix in ("-wal", "-shm"):  # they belong to the file that has gone
+                Path(f"{self.path}{suffix}").unlink(missing_ok=True)
+            self._begin()
 
     def _connect(self, mode: str) -> sqlite3.Connection:
         uri = f"{self.path.resolve().as_uri()}?mode={mode}"

@@ -71,6 +71,13 @@ class Store(Protocol):
         is left open.
         """
 
+    @property
+    def misplaced(self) -> str:
+        """What became of the store's own file while it was open (deleted, replaced); empty where nothing did."""
+
+    def renew(self) -> None:
+        """After that: go on with what the path leads to now, or a new file."""
+
     def close(self) -> None:
         """Let go of files and connections; a second call does nothing."""
 

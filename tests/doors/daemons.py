@@ -33,6 +33,7 @@ class Feed:
 
     def __init__(self, batches: Iterable[Batch] = (), turns: int = 3) -> None:
         self._batches, self._turns = batches, turns
+        self.heard: dict[str, float] = {}
 
     def batches(self) -> Iterator[Batch]:
         yield from self._batches

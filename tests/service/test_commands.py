@@ -38,6 +38,7 @@ class Feed:
 
     def __init__(self, turns: int) -> None:
         self.turns = turns
+        self.heard: dict[str, float] = {}
 
     def batches(self) -> Iterator[Batch]:
         for _ in range(self.turns):

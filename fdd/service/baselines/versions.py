@@ -6,7 +6,7 @@ a job put in force is marked ``automatic`` in its diagnostics and says which ver
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -68,6 +68,15 @@ def roll_back(store: Store, component: str, version: int) -> Baseline:
     kept = _kept(store, component, version)
     _point(store, kept)
     return kept
+
+
+def keep_again(store: Store, baselines: Iterable[Baseline]) -> None:
+    """Put baselines that are in force into a store that has lost them, under the versions that they have."""
+    with store.transaction():
+        for baseline in baselines:
+            if store.get("baseline", _key(baseline.component, baseline.version)) is None:
+                store.put("baseline", _key(baseline.component, baseline.version), asdict(baseline))
+                _point(store, baseline)
 
 
 def versions(store: Store, component: str) -> list[Baseline]:

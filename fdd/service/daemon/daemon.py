@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import time as clock
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 
@@ -18,9 +18,10 @@ import structlog
 from fdd.records import NANOSECONDS, Batch, JsonObject, Rows
 from fdd.service.alarms.authority import Authority
 from fdd.service.alarms.book import AlarmError, Command, alarm_to_document
-from fdd.service.baselines.versions import in_force, versions_in_force
+from fdd.service.baselines.versions import in_force, keep_again, versions_in_force
 from fdd.service.daemon.checkpoint import Checkpoint, Entry, Rebase, TurnBack
 from fdd.service.daemon.commands import DONE, Desk, StoredCommands
+from fdd.service.daemon.health import Health
 from fdd.service.daemon.metrics import MetricsServer
 from fdd.service.daemon.schedule import JobRunner
 from fdd.service.daemon.systemd import Watchdog
@@ -37,6 +38,7 @@ POLL_SECONDS = 1.0
 STATUS_SECONDS = 10.0
 # New baselines are rare, and looking costs a read of every pointer.
 BASELINE_SECONDS = 5.0
+BLIND = 86_400 * NANOSECONDS
 # So much of the journal calls for a checkpoint, however few frames have closed.
 JOURNAL_BYTES = 32_000_000
 
@@ -88,6 +90,7 @@ class Daemon:
         self._authority, self._trail = authority or Authority(), trail
         self._blank = engine.export_state()
         self._failures: dict[str, int] = {}
+        self._health = Health(engine.plan.step / NANOSECONDS, engine.plan.lateness / NANOSECONDS)
         self._unsaved = 0
         self._polled = 0.0
         self._compared = 0.0
@@ -101,6 +104,7 @@ class Daemon:
         self._refused: set[tuple[str, int]] = set()
         self._feed: Feed | None = None
         self._outcome = DONE
+        self._store_problem = ""
         self.samples = 0
         self.frames = 0
 
@@ -259,6 +263,7 @@ class Daemon:
         self._watchdog.alive()
         if self._metrics:
             self._metrics.alive()
+        self._keep_store()
         self._guarded("commands", self._poll_commands)
         self._guarded("jobs", self._poll_jobs)
         if now - self._told >= STATUS_SECONDS:
@@ -276,6 +281,22 @@ class Daemon:
         except Exception as error:  # a document that somebody left, an answer that cannot be written
             self._failures[what] = self._failures.get(what, 0) + 1
             log.error("failed, going on", what=what, error=f"{type(error).__name__}: {error!s:.300}", exc_info=True)
+
+    def _keep_store(self) -> None:
+        """A store whose file was deleted or replaced: go on in a new one, with what is known of it."""
+        problem = self._store.misplaced
+        if not problem:
+            return
+        log.error("store lost, going on in a new one", reason=problem)
+        self._store.renew()
+        keep_again(self._store, self.engine.baselines.values())
+        with self._store.transaction():
+            for alarm in self.engine.alarms.open:
+                self._store.put("alarm", alarm.key, alarm_to_document(alarm))
+        self._checkpoint.mishaps.append(f"{problem}: a new store was begun; restore the old one from a backup")
+        self._record_in_trail({"what": "store lost", "reason": problem})
+        self._store_problem = f"{problem}: results from before are gone; a new store was begun"
+        self.recover()  # what was written since the checkpoint may have gone to the file without a name
 
     def _poll_jobs(self) -> None:
         if self._jobs and self.engine.time is not None:
@@ -296,6 +317,8 @@ class Daemon:
         now, time = self._now(), self.engine.time
         before, samples = self._rate
         spool = self._store.status if isinstance(self._store, SpooledStore) else None
+        spool_problem = "" if spool is None else spool.problem
+        counts = self.engine.counts | (self._feed.counters() if self._feed else {})
         return {
             "key": "daemon",
             "pid": os.getpid(),
@@ -308,9 +331,10 @@ class Daemon:
             "open_alarms": len(self.engine.alarms.open),
             "budget": self.engine.realised_rate,
             "phases": self.engine.phases,
-            "counts": self.engine.counts | (self._feed.counters() if self._feed else {}),
+            "counts": counts,
+            "problems": self._problems(now, counts, spool_problem),
             "spool_bytes": None if spool is None else spool.pending_bytes,
-            "spool_problem": "" if spool is None else spool.problem,
+            "spool_problem": spool_problem,
             "baselines": self.engine.versions,
             "jobs_next": self._jobs.state if self._jobs else {},
             "job_failures": self._job_failures,
@@ -323,10 +347,24 @@ class Daemon:
             "rss_bytes": resident_bytes(),
         }
 
-    def _health(self, status: JsonObject) -> list[Rows]:
+    def _problems(self, now: float, counts: Mapping[str, int], spool_problem: str) -> list[JsonObject]:
+        """What keeps this service from watching."""
+        return self._health.look(
+            now,
+            frames=self.frames,
+            samples=self.samples,
+            counts=counts,
+            heard=self._feed.heard if self._feed else {},
+            blind=self.engine.blind(BLIND),
+            store=spool_problem or self._store_problem,
+            failures=sum(self._failures.values()) + (self._desk.dropped if self._desk else 0),
+        )
+
+    def _health_rows(self, status: JsonObject) -> list[Rows]:
         """The status as rows for the dashboards and their rules, at wall-clock time."""
         wall = round(status["wall"] * NANOSECONDS)
         gauges = {
+            "problems": len(status["problems"]),
             "sample_rate": status["samples_per_second"],
             "lag": status["lag_seconds"],
             "rss": status["rss_bytes"],
@@ -348,7 +386,7 @@ class Daemon:
         self._told = self._now()
         self._rate = (self._told, self.samples)
         self._store.put("run", "daemon", status)
-        self._store.write(self._health(status))
+        self._store.write(self._health_rows(status))
         if self._metrics:
             self._metrics.publish(status)
 

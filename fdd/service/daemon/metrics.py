@@ -7,14 +7,19 @@ a frame and a frame never for a scrape.
 from __future__ import annotations
 
 import json
+import socket
 import threading
 import time as clock
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
 
 from fdd.records import JsonObject
 
 # A loop that has not come round for so long hangs.
 STALE_SECONDS = 60.0
+# Requests at a time, and how long one may take: who opens more, or dawdles, is cut off.
+REQUESTS, REQUEST_SECONDS = 16, 5.0
 HELP = {
     "fdd_samples_total": ("counter", "Samples taken in."),
     "fdd_frames_total": ("counter", "Frames closed."),
@@ -29,6 +34,10 @@ HELP = {
     "fdd_spool_bytes": ("gauge", "Outputs that wait on disk for the store."),
     "fdd_baseline_version": ("gauge", "Version of the baseline in force."),
     "fdd_job_failures_total": ("counter", "Scheduled jobs that failed."),
+    "fdd_healthy": ("gauge", "1 while faults would be seen, 0 while something keeps the service from watching."),
+    "fdd_problem_since_seconds": ("gauge", "Wall clock at which a problem began, by what it is."),
+    "fdd_buried_total": ("counter", "Journal entries that could not be replayed and were set aside."),
+    "fdd_mishaps": ("gauge", "Damaged journals and states since the service was started."),
     "fdd_resident_memory_bytes": ("gauge", "Resident memory of the daemon."),
 }
 
@@ -46,6 +55,10 @@ def exposition(status: JsonObject) -> str:
         "fdd_spool_bytes": [("", status["spool_bytes"])] if status.get("spool_bytes") is not None else [],
         "fdd_baseline_version": [(_label("component", k), v) for k, v in status["baselines"].items()],
         "fdd_job_failures_total": [("", status["job_failures"])],
+        "fdd_healthy": [("", float(not status.get("problems", [])))],
+        "fdd_problem_since_seconds": [(_label("what", p["what"]), p["since"]) for p in status.get("problems", [])],
+        "fdd_buried_total": [("", status.get("buried", 0))],
+        "fdd_mishaps": [("", len(status.get("mishaps", [])))],
         "fdd_resident_memory_bytes": [("", status["rss_bytes"])],
     }
     lines = []
@@ -79,6 +92,38 @@ def _label(name: str, value: str) -> str:
     return f'{{{name}="{escaped}"}}'
 
 
+class _Server(ThreadingHTTPServer):
+    """Answers a bounded number of requests at a time, each within a bounded time."""
+
+    daemon_threads = True
+
+    def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
+        self._begun: dict[socket.socket, float] = {}
+        super().__init__(address, handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        if len(self._begun) >= REQUESTS:
+            self.shutdown_request(request)
+            return
+        self._begun[request] = clock.monotonic()
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        self._begun.pop(request, None)
+        super().shutdown_request(request)
+
+    def service_actions(self) -> None:
+        """Twice a second: cut off who sends a byte now and then, to stay within every single time-out."""
+        for request, begun in list(self._begun.items()):
+            if clock.monotonic() - begun > REQUEST_SECONDS:
+                self._begun.pop(request, None)
+                with suppress(OSError):
+                    request.shutdown(socket.SHUT_RDWR)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that goes away is no news."""
+
+
 class MetricsServer:
     """Serves the last status that was published.
 
@@ -93,6 +138,8 @@ class MetricsServer:
         outer = self
 
         class Handler(BaseHTTPRequestHandler):
+            timeout = REQUEST_SECONDS
+
             def do_GET(self) -> None:
                 code, kind, body = outer._answer(self.path)
                 self.send_response(code)
@@ -104,8 +151,7 @@ class MetricsServer:
             def log_message(self, format: str, *args: object) -> None:
                 """A scrape every few seconds is no news."""
 
-        self._server = ThreadingHTTPServer(address, Handler)
-        self._server.daemon_threads = True
+        self._server = _Server(address, Handler)
         self.address = (str(self._server.server_address[0]), int(self._server.server_address[1]))
         threading.Thread(target=self._server.serve_forever, daemon=True, name="metrics").start()
 
@@ -124,11 +170,16 @@ class MetricsServer:
                 text = exposition(self._status) if self._status else ""
                 return 200, "text/plain; version=0.0.4; charset=utf-8", text.encode()
             case "/health":
-                healthy = silent < STALE_SECONDS
-                document = {"healthy": healthy, "seconds_since_last_turn": round(silent, 1)}
-                return 200 if healthy else 503, "application/json", json.dumps(document).encode()
+                problems = list((self._status or {}).get("problems", []))
+                if silent >= STALE_SECONDS:
+                    since = clock.time() - silent
+                    problems.append({"what": "hangs", "since": since, "detail": f"no turn for {silent:.0f} s"})
+                document = {"healthy": not problems, "problems": problems, "seconds_since_last_turn": round(silent, 1)}
+                return 503 if problems else 200, "application/json", json.dumps(document).encode()
+            case "/live":
+                return (503 if silent >= STALE_SECONDS else 200), "text/plain", f"{silent:.1f}\n".encode()
             case _:
-                return 404, "text/plain", b"there are /metrics and /health\n"
+                return 404, "text/plain", b"there are /metrics, /health and /live\n"
 
     def close(self) -> None:
         """Stop serving."""

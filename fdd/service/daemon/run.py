@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from pathlib import Path
@@ -39,6 +40,7 @@ def run_site(site_file: Path, *, until_end: bool, fresh: bool) -> Daemon:
     UsageError : the site names no sources, or no component has a baseline
     """
     _configure_log()
+    os.umask(os.umask(0o077) | 0o027)  # what the plant does is nobody else's business
     context = _with_sources(site_file)
     lock = StateLock(context.checkpoint_path)  # before anything is changed: another daemon may stand on these files
     try:

@@ -95,6 +95,12 @@ class Engine:
         """How many charts of filters are in each phase."""
         return self._charts.phases
 
+    def blind(self, since: int) -> tuple[str, ...]:
+        """Components that should run, and whose filters have not for so long [ns] of event time."""
+        if self._time is None:
+            return ()
+        return tuple(name for g in self._groups for name in g.idle(self._time - since))
+
     @property
     def realised_rate(self) -> JsonObject:
         """What was kept of the budget of false alarms; see :func:`fdd.service.alarms.realised_rate.realised_rate`."""

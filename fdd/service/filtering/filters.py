@@ -86,6 +86,8 @@ class FilterGroup:
         self._held_at = np.full(self._inputs.shape, NEVER, dtype=np.int64)
         self._bridging: BoolArray = np.zeros(n, dtype=np.bool_)
         self.restarts: dict[str, int] = {}
+        # When each component last ran, or had no reason to; of this process alone.
+        self._attended = np.full(n, NEVER, dtype=np.int64)
 
     def _parameters(self) -> FloatArray:
         names = [p.symbol for p in self.model.parameters]
@@ -141,6 +143,8 @@ class FilterGroup:
         broken = stepping & (step.status >= BROKEN)
         self._last = np.where(stepping & ~broken, time, np.where(broken, NEVER, self._last))
         self._count(step.status[broken])
+        attended = (running & ~broken) | ~on | (self._attended == NEVER)
+        self._attended = np.where(attended, time, self._attended)
         charted = running & ~broken & (time >= self._quiet) & ~self._bridging
         self._bridging = np.where(stepping, ~fresh, self._bridging | ~has_inputs)
         seen = np.where(charted[:, None], step.standardised, np.nan)
@@ -157,11 +161,17 @@ class FilterGroup:
             information=step.information,
         )
 
+    def idle(self, before: int) -> list[str]:
+        """Components whose gate is open, and whose filters have not run since an event time [ns]."""
+        unseen = (self._attended != NEVER) & (self._attended < before)
+        return [c.name for c, idle in zip(self.components, unseen, strict=True) if idle]
+
     def restart(self) -> None:
         """Start every filter afresh with the next frame: what is remembered may lie in its future."""
         self._rest(np.ones(len(self.components), dtype=np.bool_))
         self._held_at[:] = NEVER
         self._bridging[:] = False
+        self._attended[:] = NEVER
 
     def judged_since(self, component: str) -> int:
         """Event time [ns] at which a component's charts last began to see."""

@@ -35,6 +35,9 @@ class Feed:
         self._files = all(s.kind in FILES for s in site.sources)
         self._position: JsonObject = {}
         self._stopped = threading.Event()
+        self._live = {s.label for s in site.sources if s.kind not in FILES}
+        self.heard: dict[str, float] = {}
+        """Live sources, and the wall clock [s] at which each last gave a sample."""
 
     def open(
         self, position: JsonObject | None = None, *, patient: bool = False, sleep: Callable[[float], None] = clock.sleep
@@ -50,6 +53,8 @@ class Feed:
             while True:
                 try:
                     source.open(self._position.get(label))
+                    if label in self._live:
+                        self.heard[label] = clock.time()
                     break
                 except NotReady as reason:
                     if not patient or self._stopped.is_set():
@@ -69,6 +74,8 @@ class Feed:
             yield from self._together()
 
     def _mapped(self, label: str, batch: Batch) -> Batch:
+        if len(batch) and label in self._live:
+            self.heard[label] = clock.time()
         self._position = {**self._position, label: batch.position}
         return replace(self._maps[label](batch), position=self._position)
 
