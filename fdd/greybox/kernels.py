@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import stat
 import tempfile
 import types
 from dataclasses import dataclass
@@ -107,18 +108,39 @@ def default_method(model: ComponentModel, hold: codegen.Hold = "zero") -> codege
     return "exact" if system.linear and not (hold == "first" and system.varying) else "rk4"
 
 
+class CacheError(RuntimeError):
+    """A cache folder that others may write: what lies there is run as machine code."""
+
+
 def cache_folder() -> Path:
-    """Where generated kernels are kept; falls back to a temporary folder where home cannot be written."""
+    """Where generated kernels are kept; falls back to a temporary folder where home cannot be written.
+
+    Raises
+    ------
+    CacheError : others own the folder or may write there.
+    """
     base = os.environ.get("FDD_CACHE")
     if base is None:
         base = str(Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser() / "hvac-fdd")
     folder = Path(base) / "kernels"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        _make(folder)
     except OSError:
         folder = Path(tempfile.gettempdir()) / f"hvac-fdd-{os.getuid()}" / "kernels"
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        _make(folder)
+    for place in (folder, folder.parent):
+        found = place.stat()
+        if found.st_uid not in (os.getuid(), 0) or found.st_mode & stat.S_IWOTH:
+            raise CacheError(
+                f"others may write the cache folder {place} (owner {found.st_uid}, mode {found.st_mode & 0o777:o}); "
+                "what lies there is run: remove it, or name another as FDD_CACHE"
+            )
     return folder
+
+
+def _make(folder: Path) -> None:
+    folder.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    folder.mkdir(exist_ok=True, mode=0o700)
 
 
 def _plain(text: str) -> types.ModuleType:
