@@ -15,6 +15,7 @@ from fdd.records import Batch, JsonObject
 from ingest.history import read_answer
 from ingest.message import MalformedMessage, Message, decode
 from ingest.sequence import Ledger
+from ingest.trust import Trust
 
 log = structlog.get_logger()
 
@@ -31,11 +32,16 @@ _NOTES = 20
 
 @dataclass(frozen=True, slots=True)
 class Letter:
-    """A payload as it came; ``done`` is called once its samples are safe with the reader."""
+    """A payload as it came, on which key; ``done`` is called once its samples are safe with the reader."""
 
     payload: bytes
     decode: Callable[[bytes], Message] = decode
     done: Callable[[], None] | None = None
+    key: str = ""
+
+
+Ask = Callable[[Mapping[str, int]], list[tuple[str, bytes]]]
+"""Last number of every stream to the answers of histories, each with the key it was given on."""
 
 
 class Inbox:
@@ -48,12 +54,10 @@ class Inbox:
     start, where a number is missing, and after a second of silence.
     """
 
-    def __init__(
-        self, size: int, until_end: bool, ask: Callable[[Mapping[str, int]], list[bytes]] | None = None
-    ) -> None:
+    def __init__(self, size: int, until_end: bool, ask: Ask | None = None, trust: Trust | None = None) -> None:
         self._queue: Queue[Letter] = Queue(size)
         self._until_end = until_end
-        self._ask = ask
+        self._ask, self._trust = ask, trust
         self._ledger = Ledger()
         self._ended = False
         self._stopped = False
@@ -90,6 +94,7 @@ class Inbox:
             "message lost": self._ledger.lost,
             "message far from the last number": self._ledger.far,
         }
+        counts |= self._trust.counts if self._trust else {}
         return {k: v for k, v in counts.items() if v}
 
     def stop(self) -> None:
@@ -138,7 +143,7 @@ class Inbox:
 
     def _accept(self, letter: Letter) -> Iterator[Message]:
         """The new message in a letter, after those before it that had not come."""
-        message = self._decode(letter.payload, letter.decode)
+        message = self._decode(letter.payload, letter.decode, letter.key, live=True)
         if message is None:
             return
         if self._ledger.skips(message):
@@ -154,8 +159,8 @@ class Inbox:
                 return
             known = self._ledger.last
             streams, payloads = self._answers()
-            for payload in payloads:
-                message = self._decode(payload, decode)
+            for key, payload in payloads:
+                message = self._decode(payload, decode, key, live=False)
                 if message is not None:
                     yield from self._take(message)
             if payloads and self._ledger.last != known:
@@ -174,10 +179,10 @@ class Inbox:
             self._waited, self._waited_since = 0.0, now
         return max(_STRANGERS_SECONDS - self._waited, 0.0)
 
-    def _answers(self) -> tuple[set[str], list[bytes]]:
+    def _answers(self) -> tuple[set[str], list[tuple[str, bytes]]]:
         streams: set[str] = set()
-        payloads: list[bytes] = []
-        for answer in self._ask(self._ledger.last) if self._ask else []:
+        payloads: list[tuple[str, bytes]] = []
+        for key, answer in self._ask(self._ledger.last) if self._ask else []:
             try:
                 stream, messages = read_answer(answer)
             except MalformedMessage as error:
@@ -185,16 +190,17 @@ class Inbox:
                 self._note(f"malformed message: {error}")
                 continue
             streams.add(stream)
-            payloads += messages
+            payloads += [(key, message) for message in messages]
         self._answered |= streams
         if len(self._answered) > STREAMS:
             self._answered = streams
         return streams, payloads
 
-    def _decode(self, payload: bytes, how: Callable[[bytes], Message]) -> Message | None:
+    def _decode(self, payload: bytes, how: Callable[[bytes], Message], key: str, *, live: bool) -> Message | None:
         self.received += 1
         try:
-            return how(payload)
+            message = how(payload)
+            return self._trust.admit(message, key, live=live) if self._trust else message
         except MalformedMessage as error:
             self._malformed += 1
             self._note(f"malformed message: {error}; it starts {payload[:80]!r}")

@@ -8,9 +8,10 @@ from typing import Literal
 from pydantic import Field
 
 from ingest.login import LoginOptions
+from ingest.trust import TrustOptions
 
 
-class MqttOptions(LoginOptions):
+class MqttOptions(LoginOptions, TrustOptions):
     """A broker and what to listen to."""
 
     kind: Literal["mqtt"] = Field(default="mqtt", description="mqtt")

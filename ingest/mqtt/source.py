@@ -20,6 +20,7 @@ from ingest.message import Message, decode
 from ingest.mqtt.options import MqttOptions
 from ingest.mqtt.payload import bare_value, json_object
 from ingest.source import Context, NotReady, Refused
+from ingest.trust import Trust
 
 log = structlog.get_logger()
 
@@ -43,7 +44,7 @@ class MqttSource:
     def configure(self, options: MqttOptions, context: Context) -> None:
         """Keep the options."""
         self._options, self._context = options, context
-        self._inbox = Inbox(options.queue, options.until_end)
+        self._inbox = Inbox(options.queue, options.until_end, trust=Trust(options, _covers, self._now))
 
     def open(self, position: JsonObject | None = None) -> None:
         """Connect and subscribe; afterwards the client connects again by itself.
@@ -109,7 +110,7 @@ class MqttSource:
             if session == self._session:
                 client.ack(message.mid, message.qos)
 
-        self._inbox.receive(Letter(message.payload, self._decoder(message.topic), done))
+        self._inbox.receive(Letter(message.payload, self._decoder(message.topic), done, message.topic))
 
     def _decoder(self, topic: str) -> Callable[[bytes], Message]:
         options, now = self._options, self._now()
@@ -147,6 +148,12 @@ class MqttSource:
         if client is not None:
             client.disconnect()
             client.loop_stop()
+
+
+def _covers(rule: str, topic: str) -> bool:
+    from paho.mqtt.client import topic_matches_sub
+
+    return bool(topic_matches_sub(rule, topic))
 
 
 def _swapped(read: Callable[[str, bytes, int], Message], topic: str, now: int, payload: bytes) -> Message:

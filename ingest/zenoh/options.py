@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 
 from fdd.tables import Duration, Strict, refusal
 from ingest.login import LoginOptions
+from ingest.trust import TrustOptions
 
 
 class TlsOptions(Strict):
@@ -37,7 +38,7 @@ class ZenohLink(LoginOptions):
         return self
 
 
-class ZenohOptions(ZenohLink):
+class ZenohOptions(ZenohLink, TrustOptions):
     """Samples over Zenoh."""
 
     key: str = Field(default="fdd/**", description="key expression to subscribe to")

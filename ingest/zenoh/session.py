@@ -17,11 +17,13 @@ from typing import Any
 
 import zenoh
 
+from fdd.limits import ANSWER_BYTES
 from ingest.source import NotReady
 from ingest.zenoh.options import OperatorOptions, ZenohLink
 
 HISTORY, PUBLISHER = "_history", "_publisher"
 _HISTORY_SECONDS = 5.0
+_ANSWERS = 1_000
 # A slow reader holds the writer back this long before the link is cut and recovered from the history.
 _BLOCK_MICROSECONDS = 60_000_000
 
@@ -136,25 +138,36 @@ def declare_publisher(session: Any, key: str, name: str, history: Callable[[byte
 
 
 def declare_subscriber(
-    session: Any, key: str, receive: Callable[[bytes], None], present: Callable[[str, bool], None]
+    session: Any, key: str, receive: Callable[[str, bytes], None], present: Callable[[str, bool], None]
 ) -> tuple[Any, ...]:
     """A subscriber, and one that learns of publishers that come and go.
 
-    ``receive`` gets each payload, in order within a publisher, from one of Zenoh's threads.
+    ``receive`` gets each key and payload, in order within a publisher, from one of Zenoh's threads.
     """
 
     def seen(sample: Any) -> None:
         present(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
     return (
-        session.declare_subscriber(key, lambda sample: receive(sample.payload.to_bytes())),
+        session.declare_subscriber(key, lambda sample: receive(str(sample.key_expr), sample.payload.to_bytes())),
         session.liveliness().declare_subscriber(f"{key}/{PUBLISHER}/*", seen, history=True),
     )
 
 
-def ask_history(session: Any, key: str, have: Mapping[str, int]) -> list[bytes]:
-    """Every reachable publisher's answer to what it has after ``have`` (stream to last number)."""
-    return ask(session, f"{key}/{HISTORY}", json.dumps({"have": dict(have)}).encode(), _HISTORY_SECONDS)
+def ask_history(session: Any, key: str, have: Mapping[str, int]) -> list[tuple[str, bytes]]:
+    """Every reachable publisher's answer to what it has after ``have`` (stream to last number), with its key."""
+    question = json.dumps({"have": dict(have)}).encode()
+    replies = _replies(session, f"{key}/{HISTORY}", question, _HISTORY_SECONDS)
+    found = [(str(ok.key_expr).removesuffix(f"/{HISTORY}"), ok.payload) for ok in replies]
+    return [(name, payload.to_bytes()) for name, payload in found[:_ANSWERS] if len(payload) <= ANSWER_BYTES]
+
+
+def covers(rule: str, key: str) -> bool:
+    """Whether a key expression includes a key."""
+    try:
+        return bool(zenoh.KeyExpr(rule).includes(zenoh.KeyExpr(key)))
+    except zenoh.ZError:
+        return False
 
 
 AS = "as"
@@ -196,6 +209,10 @@ class Question:
 
 def ask(session: Any, selector: str, payload: bytes = b"", seconds: float = 10.0) -> list[bytes]:
     """The answers of everybody who takes questions on the selector's key, within so many seconds."""
+    return [ok.payload.to_bytes() for ok in _replies(session, selector, payload, seconds)]
+
+
+def _replies(session: Any, selector: str, payload: bytes, seconds: float) -> list[Any]:
     replies = session.get(
         selector,
         payload=payload or None,
@@ -203,4 +220,4 @@ def ask(session: Any, selector: str, payload: bytes = b"", seconds: float = 10.0
         consolidation=zenoh.ConsolidationMode.NONE,
         timeout=seconds,
     )
-    return [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+    return [reply.ok for reply in replies if reply.ok is not None]

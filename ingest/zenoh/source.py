@@ -7,12 +7,14 @@ from typing import Any, ClassVar
 
 import structlog
 
+from fdd.limits import STREAMS
 from fdd.records import Batch, JsonObject
 from fdd.tables import SourceOptions
 from ingest.live import Inbox, Letter
 from ingest.source import Context
+from ingest.trust import Trust
 from ingest.zenoh.options import ZenohOptions
-from ingest.zenoh.session import ask_history, declare_subscriber, open_session
+from ingest.zenoh.session import ask_history, covers, declare_subscriber, open_session
 
 log = structlog.get_logger()
 
@@ -30,7 +32,7 @@ class ZenohSource:
     def configure(self, options: ZenohOptions, context: Context) -> None:
         """Keep the options."""
         self._options, self._context = options, context
-        self._inbox = Inbox(options.queue, options.until_end, self._ask)
+        self._inbox = Inbox(options.queue, options.until_end, self._ask, Trust(options, covers))
 
     def open(self, position: JsonObject | None = None) -> None:
         """Open the session and subscribe; publishers may come before or after.
@@ -43,14 +45,14 @@ class ZenohSource:
         self._session = open_session(self._options, self._context.folder)
         self._declared = declare_subscriber(self._session, self._options.key, self._receive, self._present)
 
-    def _ask(self, have: Mapping[str, int]) -> list[bytes]:
+    def _ask(self, have: Mapping[str, int]) -> list[tuple[str, bytes]]:
         return ask_history(self._session, self._options.key, have)
 
-    def _receive(self, payload: bytes) -> None:
-        self._inbox.receive(Letter(payload))
+    def _receive(self, key: str, payload: bytes) -> None:
+        self._inbox.receive(Letter(payload, key=key))
 
     def _present(self, publisher: str, here: bool) -> None:
-        if here:
+        if here and len(self._publishers) < STREAMS:
             self._publishers.add(publisher)
         else:
             self._publishers.discard(publisher)

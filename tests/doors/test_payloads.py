@@ -129,9 +129,9 @@ def test_a_history_that_repeats_itself_is_asked_no_further() -> None:
     for i in (1, 2, 3):
         history.keep(numbered(i, end=i == 3))
 
-    def ask(have: Mapping[str, int]) -> list[bytes]:
+    def ask(have: Mapping[str, int]) -> list[tuple[str, bytes]]:
         asked.append(dict(have))
-        return [history.answer(b"{}")]  # whatever the reader has
+        return [("", history.answer(b"{}"))]  # whatever the reader has
 
     box = Inbox(10, True, ask)
     assert [v for b in box.batches() for v in b.value.tolist()] == [1.0, 2.0, 3.0]

@@ -32,9 +32,9 @@ def filled(count: int, size: int) -> History:
 
 
 def inbox(history: History | None) -> Inbox:
-    def ask(have: Mapping[str, int]) -> list[bytes]:
+    def ask(have: Mapping[str, int]) -> list[tuple[str, bytes]]:
         assert history is not None
-        return [history.answer(json.dumps({"have": dict(have)}).encode())]
+        return [("", history.answer(json.dumps({"have": dict(have)}).encode()))]
 
     return Inbox(10_000, True, ask if history else None)
 
