@@ -124,6 +124,7 @@ class Stream:
 
     def __init__(self, batches: list[Batch], at: dict[int, object] | None = None) -> None:
         self._batches, self._at = batches, at or {}
+        self.heard: dict[str, float] = {}
 
     def batches(self) -> Iterator[Batch]:
         for i, batch in enumerate(self._batches):
