@@ -32,7 +32,9 @@ from fdd.config.chiller import chiller_config
 from fdd.service.site.plan import plan_of
 from ingest.csv import CsvOptions
 from ingest.source import kinds, options_type, register
+from ingest.trust import Publisher
 from ingest.zenoh import OperatorOptions
+from ingest.zenoh.options import Person
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -342,6 +344,8 @@ def _tables() -> Iterator[tuple[str, type[BaseModel]]]:
     own = [Site, Point, Equipment, ParameterSpec, Charts, Tariffs, Reidentify, Reports, SqliteStore, InfluxStore]
     yield from ((t.__name__, t) for t in own)
     yield "operator", OperatorOptions
+    yield "operator person", Person
+    yield "publisher", Publisher
     for kind in kinds():
         options = options_type(kind)
         yield kind, options
