@@ -105,9 +105,10 @@ class ParameterSpec(Strict):
 class Charts(Strict):
     """Which charts watch a component; empty means all that apply."""
 
-    kinds: tuple[Literal["cusum", "score", "flatline", "health"], ...] = Field(
+    kinds: tuple[Literal["day", "cusum", "score", "flatline", "health"], ...] = Field(
         default=(),
-        description="kinds of chart: cusum, score, flatline (frozen readings), health (of the model); empty means all",
+        description="kinds of chart: day (outputs, day by day), cusum (gross faults at once), score (parameters), "
+        "flatline (frozen readings), health (of the model); empty means all",
     )
     exclude: tuple[str, ...] = Field(default=(), description="parameters or outputs that get no chart")
 

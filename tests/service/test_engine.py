@@ -143,7 +143,7 @@ def test_state_of_another_site_is_refused_with_a_remedy() -> None:
 def test_a_fault_that_comes_back_raises_its_alarm_again_and_makes_no_new_one(healthy: Truth) -> None:
     south = healthy.points["south.T"].copy()
     for start in (3 * DAY, 8 * DAY):
-        south[start : start + 40] += np.where(np.arange(40) % 2 == 0, 0.4, 0.2)
+        south[start : start + 40] += np.where(np.arange(40) % 2 == 0, 2.0, 1.0)
     flapping = Truth(healthy.time, {**healthy.points, "south.T": south})
     e = engine()
     outputs = e.step(flapping.batch())

@@ -65,7 +65,7 @@ def test_engine_under_test_carries_a_chart_of_every_family(long: Truth, known: d
     for family in FAMILIES:
         assert any(family.carried(g, c) for g in groups for c in g.components), family
     kinds = {name.rpartition(":")[2] for name in charted(outputs)}
-    assert kinds == {"cusum", "score", "flatline", "autocorrelation", "periodogram", "dispersion"}
+    assert kinds == {"day", "cusum", "score", "flatline", "autocorrelation", "periodogram", "dispersion"}
     assert len(site.components) == 2
 
 
@@ -163,7 +163,7 @@ def test_machine_that_is_off_is_no_data_to_every_chart_of_it_and_to_no_other(
 def test_alarm_stands_while_its_machine_is_off(long: Truth, known: dict[str, Baseline]) -> None:
     site, truth = gated(long)
     south = truth.points["south.T"].copy()
-    south[LEARNING * DAY + DAY // 2 :] += 0.4  # the sensor reads too much from noon of the first day on
+    south[LEARNING * DAY + DAY // 2 :] += 4.0  # the sensor reads too much from noon of the first day on
     engine, outputs = run(Truth(truth.time, {**truth.points, "south.T": south}).batch(LEARNING * DAY), known, site)
     rang = {s: said["phase"] for s, said in charted(outputs).items() if np.any(said["phase"] == Phase.ALARM)}
     assert rang

@@ -13,13 +13,16 @@ from fdd.greybox.plots import write_html
 from fdd.greybox.results import FitResult
 from fdd.greybox.validate import validate
 from fdd.records import Baseline
+from fdd.residual_monitors.daily import READY, scale_of
 from fdd.service.baselines.chiller_fit import FittedChiller, learn_chiller
 from fdd.service.baselines.history import History, read_history, runs
 from fdd.service.baselines.identify import IdentifyError, chance, data_of, identify
 from fdd.service.baselines.plausible import objections
+from fdd.service.baselines.probation import on_probation, split
 from fdd.service.baselines.rows_fit import FittedRows, learn_rows
 from fdd.service.baselines.structure import choose
 from fdd.service.baselines.versions import accept, propose
+from fdd.service.monitoring.power import CHANCE, DAYS, Foretold
 from fdd.service.site.errors import UsageError
 from fdd.service.site.feed import Feed
 from fdd.service.site.plan import Chiller, Component, RowEquipment
@@ -50,6 +53,7 @@ class Fitted:
                 f"  innovations of {symbol}: standard deviation {s['sd']:.3f} (1 when the model is right), "
                 f"lag-one autocorrelation {s['lag1']:+.3f} (0 when it is)"
             )
+        lines += [f"  {line}" for line in probation_told(self.baseline)]
         lines += [f"  warning: {w}" for w in self.warnings if w not in self.result.warnings]
         name, version = self.baseline.component, self.baseline.version
         lines += [f"  structure: {line}" for line in self.baseline.diagnostics.get("structure", ())]
@@ -175,19 +179,46 @@ def _fit(context: SiteContext, watched: Watched, history: History, starts: int) 
         return learn_chiller(context.plan, watched, history)
     if isinstance(watched, RowEquipment):
         return learn_rows(context.plan, watched, history)
-    choice = choose(context.plan, watched, history)
+    mine, held = split(history)
+    choice = choose(context.plan, watched, mine)
     # A variant that won over others has been searched for already.
     searches = starts if choice.start is None else 1
-    baseline, result = identify(context.plan, choice.component, history, start=choice.start, starts=searches)
+    baseline, result = identify(context.plan, choice.component, mine, start=choice.start, starts=searches)
     against = objections(choice.component, result)
     diagnostics = {**baseline.diagnostics, **choice.document, **({"objections": list(against)} if against else {})}
-    return Fitted(replace(baseline, diagnostics=diagnostics), result, warnings_of(baseline, result), against)
+    baseline = replace(baseline, diagnostics=diagnostics)
+    if len(held):
+        baseline = on_probation(context.plan, choice.component, baseline, history, int(held.time[0]))
+    return Fitted(baseline, result, warnings_of(baseline, result), against)
 
 
 def _kept(store: Store, found: AnyFitted) -> AnyFitted:
     """Put in force, or kept for a person to approve where something speaks against it."""
     keep = propose if isinstance(found, Fitted) and found.against else accept
     return replace(found, baseline=keep(store, found.baseline))
+
+
+def probation_told(baseline: Baseline) -> list[str]:
+    """What later weeks than the fit's own said of a baseline, and what its charts will find."""
+    about = baseline.diagnostics.get("probation")
+    if about is None:
+        return [
+            f"probation: no weeks are left that the fit has not seen; for {READY} days only gross faults ring, "
+            "and limits narrow over the three weeks after them (a longer history has this at once)"
+        ]
+    days, scales = int(about["days"]), [scale_of(k) for k in about.get("day", {}).values()]
+    lines = [
+        f"probation: {days} days that the fit has not seen; the model's daily errors are "
+        f"{max(scales, default=1.0):.1f} times what its noise explains"
+    ]
+    if about["alarms"]:
+        lines.append(
+            f"warning: {', '.join(about['alarms'])} rang in these days, and nothing was learned from then on: "
+            "look for a fault, or fit to another time"
+        )
+    lines.append(f"found within {DAYS} days in {CHANCE:.0%} of cases:")
+    lines += [f"  {Foretold(**f).words()}" for f in about["foretold"]]
+    return lines
 
 
 def read_span(context: SiteContext, since: str | None, until: str | None) -> History:

@@ -20,6 +20,7 @@ from fdd.service.baselines.history import History, Run, runs
 from fdd.service.filtering.filters import FilterGroup, GroupStep
 from fdd.service.monitoring.flatline_charts import flatline_statistics
 from fdd.service.monitoring.health_charts import window_of, window_statistics
+from fdd.service.monitoring.power import sensitivities
 from fdd.service.monitoring.score_charts import SCORE_BLOCK
 from fdd.service.site.plan import Component, Plan
 
@@ -94,9 +95,19 @@ def identify(
     steps = healthy_steps(plan, component, baseline, history)
     diagnostics = {**baseline.diagnostics, **score_diagnostics(plan, component, steps)}
     diagnostics["flatline"] = flatline_statistics(component, steps)
-    return replace(
-        baseline, innovation=innovation_statistics(component, steps, plan.step), diagnostics=diagnostics
-    ), result
+    diagnostics["conditions"] = conditions_of(component, found)
+    baseline = replace(baseline, innovation=innovation_statistics(component, steps, plan.step), diagnostics=diagnostics)
+    diagnostics["sensitivity"] = sensitivities(component.model, [data_of(r) for r in found], baseline)
+    return baseline, result
+
+
+def conditions_of(component: Component, found: Sequence[Run]) -> dict[str, list[float]]:
+    """Mean and standard deviation of every input over the runs of a fit: what later days are compared with."""
+    u = np.concatenate([r.u for r in found])
+    return {
+        q.symbol: [float(column.mean()), float(column.std())]
+        for q, column in zip(component.model.inputs, u.T, strict=True)
+    }
 
 
 def data_of(run: Run) -> Data:

@@ -35,7 +35,8 @@ BoolArray = NDArray[np.bool_]
 class GroupStep:
     """One step of a group; arrays are (n, n_outputs) unless said.
 
-    ``readings`` (n, n_inputs) are the inputs as they came, NaN where there was none. ``standardised`` is NaN where
+    ``readings`` (n, n_inputs) are the inputs as they came, NaN where there was none, ``inputs`` with what was held in
+    their place. ``standardised`` is NaN where
     charts shall see nothing; ``score`` (n, n_p) and ``information`` (n, n_p, n_p) are meant for the rows where
     ``charted`` (n,) is true.
     """
@@ -45,6 +46,7 @@ class GroupStep:
     standardised: FloatArray
     measured: FloatArray
     readings: FloatArray
+    inputs: FloatArray
     running: BoolArray
     charted: BoolArray
     score: FloatArray
@@ -78,6 +80,8 @@ class FilterGroup:
         self.physical: IntArray = np.flatnonzero([p.kind == "physical" for p in self.model.parameters])
         # Covariance of the physical parameters' errors; the score charts say what is known of it.
         self.error = np.zeros((len(components), self.physical.size, self.physical.size))
+        # Components whose last day was in the range that has been seen; the charts of days say so.
+        self.inside: BoolArray = np.ones(len(components), dtype=np.bool_)
         self._whitener = _whitener(self.baselines, [o.symbol for o in self.model.outputs])
         n = len(components)
         self._last = np.full(n, NEVER, dtype=np.int64)
@@ -155,6 +159,7 @@ class FilterGroup:
             standardised=white,
             measured=y,
             readings=values[self._inputs],
+            inputs=self._held.copy(),
             running=running & ~broken,
             charted=charted,
             score=step.score,

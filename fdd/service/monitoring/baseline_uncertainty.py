@@ -18,7 +18,7 @@ MODEL_ERROR = 0.01
 def baseline_covariance(group: FilterGroup, baseline: Baseline) -> FloatArray:
     """Covariance of the physical parameters on the estimation scale: the fit's own, and what is granted to given ones.
 
-    Where scores of the fit's own data vary more than their information says, the fit's errors are larger in proportion.
+    That scores vary more than their information says is in the scale that they are charted in, and not paid for here.
     """
     at = group.physical
     parameters = [group.model.parameters[i] for i in at]
@@ -26,8 +26,6 @@ def baseline_covariance(group: FilterGroup, baseline: Baseline) -> FloatArray:
     if baseline.covariance:
         order = [list(baseline.parameters).index(p.symbol) for p in parameters]
         own = np.nan_to_num(np.array(baseline.covariance))[np.ix_(order, order)]
-        spread = spread_of(baseline, [p.symbol for p in parameters])
-        own = own * spread[:, None] * spread
     slopes = _relative_slopes(group, baseline)
     given = np.diagonal(own) <= 0
     return np.asarray(own + np.diag(np.where(given, np.square(MODEL_ERROR * slopes), 0.0)))

@@ -37,6 +37,9 @@ class Family(Protocol):
     def update(self, steps: Sequence[GroupStep]) -> Verdicts:
         """Feed one frame."""
 
+    def hold(self, components: frozenset[str]) -> None:
+        """These components have an alarm of the plant: nothing is learned of their health."""
+
     def allot(self, arl: Mapping[str, float]) -> None:
         """Set limits for these mean numbers of frames between false alarms of each of a component's charts."""
 

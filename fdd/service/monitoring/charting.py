@@ -18,14 +18,16 @@ from fdd.residual_monitors.chart import Phase, Verdicts
 from fdd.service.alarms.book import MODEL, PLANT, subject
 from fdd.service.filtering.filters import FilterGroup, GroupStep
 from fdd.service.monitoring.chart_family import BoolArray, Family, FamilyKind
+from fdd.service.monitoring.day_charts import DAYS, DayCharts
 from fdd.service.monitoring.flatline_charts import FLATLINE
 from fdd.service.monitoring.health_charts import HEALTH
-from fdd.service.monitoring.innovation_charts import INNOVATIONS
+from fdd.service.monitoring.innovation_charts import INNOVATIONS, InnovationCharts
+from fdd.service.monitoring.power import Foretold, foretell
 from fdd.service.monitoring.score_charts import SCORES, ScoreCharts
 from fdd.service.site.plan import Component, Plan
 
 # The families that components carry, in the order of their streams.
-FAMILIES = (INNOVATIONS, SCORES, FLATLINE, HEALTH)
+FAMILIES = (DAYS, INNOVATIONS, SCORES, FLATLINE, HEALTH)
 # A statistic below this share of its limit says that what raised the alarm is gone (hysteresis).
 NORMAL = 0.25
 
@@ -57,6 +59,7 @@ class Charts:
         self._edges = np.cumsum([0, *(len(f.streams) for f in self._families)])
         self._phase = np.zeros(len(self.streams), dtype=np.uint8)
         self._standing = np.zeros(len(self.streams), dtype=np.bool_)
+        self._held: frozenset[str] = frozenset()
 
     def update(self, steps: Sequence[GroupStep]) -> ChartStep:
         """Feed one frame to every chart; say which have just passed their limits."""
@@ -68,7 +71,17 @@ class Charts:
         rang = alarm & (verdicts.statistic >= verdicts.limit) & ~self._standing
         self._standing = (self._standing | rang) & ~normal
         self._phase = verdicts.phase
+        self._hold()
         return ChartStep(verdicts, np.flatnonzero(rang), normal)
+
+    def _hold(self) -> None:
+        """No chart learns anything of a component with a chart of the plant in alarm."""
+        alarmed = np.flatnonzero(self._phase == Phase.ALARM)
+        held = frozenset(self.streams[i].component for i in alarmed if self.streams[i].alarm == PLANT)
+        if held != self._held:
+            self._held = held
+            for family in self._families:
+                family.hold(held)
 
     @property
     def phases(self) -> dict[str, int]:
@@ -99,6 +112,27 @@ class Charts:
         """Estimates of every component's parameters from the last ``updates``; see :class:`ScoreCharts`."""
         return [row for f in self._families if isinstance(f, ScoreCharts) for row in f.parameters(updates)]
 
+    def days(self) -> dict[str, tuple[int, int]]:
+        """Days that were closed since a component's baseline came in force, and how many of them were judged."""
+        return {k: v for f in self._families if isinstance(f, DayCharts) for k, v in f.watched().items()}
+
+    def foretold(self, component: str) -> list[Foretold]:
+        """The smallest fault of each kind that a component's charts will find, as far as its days have told."""
+        baseline = next(b for g in self._groups for b in g.baselines if b.component == component)
+        found = {k: v for f in self._families if isinstance(f, DayCharts) for k, v in f.scales().items()}
+        known = found.get(component, {})
+        if not known:
+            return []
+        return foretell(baseline, {s: scale for s, (scale, _) in known.items()}, next(iter(known.values()))[1])
+
+    def taught(self, component: str) -> JsonObject:
+        """What the days that were seen have taught of a healthy component, by kind of chart; see ``probation``."""
+        found = {}
+        for f in self._families:
+            if isinstance(f, DayCharts | InnovationCharts | ScoreCharts) and component in (known := f.taught()):
+                found[f.kind] = known[component]
+        return found
+
     def is_normal(self, name: str, step: ChartStep) -> bool:
         """Whether every chart of a component, or of its model, said in this step that what raised its alarm is gone."""
         return bool(step.normal[self._of[name]].all())
@@ -112,6 +146,7 @@ class Charts:
             family.reset(which[start:stop])
         self._phase = np.where(which, np.uint8(Phase.QUIET), self._phase)
         self._standing &= ~which
+        self._hold()
 
     def rebase(self, components: set[str]) -> None:
         """These components have new baselines; each family says what it starts again, and limits follow the budget."""
@@ -124,6 +159,7 @@ class Charts:
             which = family.rebase(components)
             self._phase[start:stop] = np.where(which, np.uint8(Phase.QUIET), self._phase[start:stop])
             self._standing[start:stop] &= ~which
+        self._hold()
 
     def export_state(self) -> JsonObject:
         """The charts as plain data."""
@@ -139,6 +175,7 @@ class Charts:
             family.restore_state(saved)
         self._phase = np.array(state["phase"], dtype=np.uint8)
         self._standing = np.array(state["standing"], dtype=np.bool_)
+        self._hold()
 
 
 def _budgets(plan: Plan, groups: Sequence[FilterGroup]) -> list[dict[str, float]]:

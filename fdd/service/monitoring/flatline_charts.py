@@ -78,6 +78,9 @@ class FlatlineCharts:
         self._chart = Flatline(np.ones(len(self._places)))
         self._inform()
 
+    def hold(self, components: frozenset[str]) -> None:
+        """Nothing is learned here."""
+
     def allot(self, arl: Mapping[str, float]) -> None:
         """New limits."""
         self._arl = np.array([arl[owner] for owner in self._owners])

@@ -115,6 +115,9 @@ class HealthCharts:
         """Chance of a false alarm that a window of each output may have."""
         return np.array([min(0.5, self._window * self._block / arl[c.name]) for _, _, c, _ in self._outputs])
 
+    def hold(self, components: frozenset[str]) -> None:
+        """Nothing is learned here."""
+
     def allot(self, arl: Mapping[str, float]) -> None:
         """New limits."""
         self._chance = self._chances(arl)

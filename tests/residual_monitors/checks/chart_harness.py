@@ -17,6 +17,7 @@ Array = NDArray[Any]
 KINDS = list(charts())
 OPTIONS: dict[str, dict[str, Any]] = {
     "autocorrelation": {"window": 96, "lags": 6},
+    "daily": {"block": 4},
     "dispersion": {"window": 96},
     "periodogram": {"window": 96},
     "score": {"parameters": 2, "block": 4},
