@@ -30,7 +30,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
     """A plant whose exchanger is fouled from the second watched day on, with baselines fitted."""
     fault = PlantFault("fouling", "hx", (LEARNING_DAYS + 1) * DAY, 0.3)
     scenario = Scenario(days=LEARNING_DAYS + 3, seed=4, faults=(fault,))
-    return prepare(scenario, tmp_path_factory.mktemp("demo"), learning_days=LEARNING_DAYS)
+    return prepare(scenario, tmp_path_factory.mktemp("demo"), learning_days=LEARNING_DAYS, probation_days=0)
 
 
 def verdicts_of_run(prepared: Prepared, folder: Path, kills: list[float]) -> list[str]:

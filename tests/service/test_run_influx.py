@@ -56,7 +56,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
     """Three watched days of a plant whose exchanger is fouled from the second one on, in messages of one frame."""
     fault = PlantFault("fouling", "hx", (LEARNING_DAYS + 1) * DAY, 0.3)
     scenario = Scenario(days=LEARNING_DAYS + 3, seed=4, faults=(fault,))
-    found = prepare(scenario, tmp_path_factory.mktemp("plant"), learning_days=LEARNING_DAYS)
+    found = prepare(scenario, tmp_path_factory.mktemp("plant"), learning_days=LEARNING_DAYS, probation_days=0)
     frames = [b.slice(i, i + ROWS) for b in found.batches for i in range(0, len(b), ROWS)]
     assert all(len(set(f.time.tolist())) == 1 for f in frames)
     return replace(found, batches=frames)

@@ -39,9 +39,9 @@ class Foretold:
     def words(self) -> str:
         """For people."""
         if self.size is None:
-            most = f"{MOST_KELVIN:g} K" if self.unit == "K" else f"{MOST_SHARE:.0%}"
+            most = f"{MOST_KELVIN:g} K" if self.unit == "K" else f"{100 * MOST_SHARE:g} %"
             return f"{self.fault}: not even {most} can be seen, because {self.reason}"
-        size = f"{self.size:.2g} K" if self.unit == "K" else f"{self.size:.0%}"
+        size = f"{self.size:.2g} K" if self.unit == "K" else f"{100 * self.size:.2g} %"
         return f"{self.fault}: found from {size} on"
 
     def document(self) -> JsonObject:

@@ -30,6 +30,7 @@ from fdd.report.render import write_gathered
 from fdd.service.alarms.book import PLANT, iso, kind_in
 from fdd.service.baselines.history import read_history
 from fdd.service.baselines.identify import identify
+from fdd.service.baselines.probation import on_probation
 from fdd.service.baselines.versions import accept
 from fdd.service.site.errors import UsageError
 from fdd.service.site.site_context import SiteContext, open_site
@@ -38,7 +39,10 @@ from fdd.service.verbs.reporting import site_info
 from ingest.zenoh.options import ZenohOptions
 from ingest.zenoh.publisher import ZenohPublisher
 
-LEARNING_WEEKS = 3
+FIT_WEEKS = 3
+# Weeks that the fit has not seen, for the charts to learn what is normal.
+PROBATION_WEEKS = 2
+LEARNING_WEEKS = FIT_WEEKS + PROBATION_WEEKS
 ROWS_PER_MESSAGE = 12
 TOPIC = "fdd/demo/samples"
 
@@ -161,10 +165,11 @@ def prepare(
     folder: Path,
     progress: Progress | None = None,
     *,
-    learning_days: float = LEARNING_WEEKS * 7,
+    learning_days: float = FIT_WEEKS * 7,
+    probation_days: float = PROBATION_WEEKS * 7,
     store: JsonObject | None = None,
 ) -> Prepared:
-    """Simulate, write the site file, fit baselines to the first days."""
+    """Simulate, write the site file, fit baselines to the first days, and put them on probation on those after."""
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
     source = {"kind": "zenoh", "key": TOPIC, "connect": [endpoint]}
     folder.mkdir(parents=True, exist_ok=True)
@@ -173,7 +178,8 @@ def prepare(
     site_file = demo_site(folder, sources=[source], scenario=scenario, store=store)
     context = open_site(site_file)
     batches = list(_simulated(scenario, progress))
-    end = scenario.first + round(learning_days * DAY * NANOSECONDS)
+    fitted = scenario.first + round(learning_days * DAY * NANOSECONDS)
+    end = fitted + round(probation_days * DAY * NANOSECONDS)
     learning = [b for b in batches if b.time[0] < end]
     history, _ = read_history(context.plan, learning)
     task = progress.add_task("fitting baselines", total=len(context.plan.components)) if progress else None
@@ -181,7 +187,9 @@ def prepare(
     for component in context.plan.components:
         if progress and task is not None:
             progress.update(task, description=f"fitting {component.name}")
-        baseline, _ = identify(context.plan, component, history)
+        baseline, _ = identify(context.plan, component, history.between(None, fitted))
+        if probation_days:
+            baseline = on_probation(context.plan, component, baseline, history, fitted)
         accept(kept, baseline)
         if progress and task is not None:
             progress.advance(task)
