@@ -154,7 +154,7 @@ def sentinels(folder: Path) -> Export | None:
     path = folder / "flexhouse.csv"
     kept.to_csv(path, index=False, sep="\t")
     units = {"Ta": "degC", "Ps": "kW/m2", "Ph": "kW", "yTi": "degC"}
-    roles = _roles("zone", {"Ta": "T_out", "Ps": "I_solar", "Ph": "P_heat", "yTi": "T_in"})
+    roles = _roles("zone", {"Ta": "T_out", "Ps": "I_solar", "Ph": "P_heat", "yTi": "T_room"})
     return Export("sentinels", (path,), units, roles, "Europe/Copenhagen", "2009-02-09")
 
 
@@ -177,7 +177,7 @@ def two_clocks(folder: Path) -> Export | None:
     units = {"Outdoor temperature (°C)": "degC", "Global radiation (W/m2)": "W/m2", "Heater power": "W",
              "Room temperature": "degC"}  # fmt: skip
     roles = _roles("zone", {"Outdoor temperature (°C)": "T_out", "Global radiation (W/m2)": "I_solar",
-                            "Heater power": "P_heat", "Room temperature": "T_in"})  # fmt: skip
+                            "Heater power": "P_heat", "Room temperature": "T_room"})  # fmt: skip
     return Export("two clocks", (where,), units, roles, "Europe/Copenhagen", "2009-02-09")
 
 

@@ -45,6 +45,19 @@ def example(*lines: str) -> str:
     return "[bold]Example[/bold]\n\n" + "\n\n".join(f"$ {line}" for line in lines)
 
 
+@app.callback(help="Fault detection and diagnosis for installed HVAC plant.")
+def quiet_log() -> None:
+    """Verbs speak for themselves: of the service's log only warnings, on stderr; ``fdd run`` says all."""
+    import logging
+
+    import structlog
+
+    structlog.configure(
+        wrapper_class=structlog.make_filtering_bound_logger(logging.WARNING),
+        logger_factory=lambda *_: structlog.PrintLogger(sys.stderr),
+    )
+
+
 def _print_json(value: Any) -> None:
     print(json.dumps(value, default=str))
 
@@ -170,12 +183,15 @@ def replay(
     since: Since = None,
     until: Until = None,
     verdicts: Annotated[Path | None, typer.Option(help="Write every verdict here, a JSON line each.")] = None,
+    store: Annotated[
+        bool, typer.Option("--store", help="Keep all in the site's store: alarms, explain, ack and report work on it.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Run the engine over history, exactly as the daemon would have; print the alarms."""
     from fdd.service.verbs.replay import replay_site
 
-    result = replay_site(site_file, data, since=since, until=until, verdicts=verdicts, console=screen)
+    result = replay_site(site_file, data, since=since, until=until, verdicts=verdicts, console=screen, store=store)
     if as_json:
         _print_json(result.document())
     else:
@@ -213,6 +229,29 @@ def audit(
         found.print(out, opened.local)
 
 
+@app.command(epilog=example("fdd study plant.yaml", "fdd study plant.yaml history.csv --until 2026-03-01 --out r.html"))
+def study(
+    site_file: SiteFile,
+    data: DataFile = None,
+    until: Annotated[
+        str | None,
+        typer.Option(help="End of the healthy part that is learned from; default: half, 28 days at most."),
+    ] = None,
+    out_file: Annotated[Path, typer.Option("--out", help="Where the report goes.")] = Path("report.html"),
+    pdf: Annotated[Path | None, typer.Option(help="Where a PDF goes.")] = None,
+    starts: Annotated[int, typer.Option(help="Searches for the best fit, from scattered starts.", min=1)] = 3,
+    as_json: AsJson = False,
+) -> None:
+    """Check, fit, replay and report in one go; alarms, explain, ack, clear and report work on it afterwards."""
+    from fdd.service.verbs.study import study_site
+
+    found = study_site(site_file, data, until=until, out=out_file, pdf=pdf, starts=starts, console=screen)
+    if as_json:
+        _print_json(found.document())
+    else:
+        found.print(out)
+
+
 @app.command(epilog=example("fdd run plant.yaml"))
 def run(
     site_file: SiteFile,
@@ -226,9 +265,11 @@ def run(
 
 
 alarms = typer.Typer(no_args_is_help=False, help="List alarms, and say what was done about them.")
-app.add_typer(alarms, name="alarms", epilog=example("fdd alarms list plant.yaml", "fdd alarms ack plant.yaml KEY"))
+app.add_typer(alarms, name="alarms", epilog=example("fdd alarms list plant.yaml", "fdd alarms ack plant.yaml hx.1"))
 
-Key = Annotated[str, typer.Argument(help="Key of the alarm, as `fdd alarms list` prints it.")]
+Key = Annotated[
+    str, typer.Argument(metavar="ALARM", help="Handle of the alarm, as `fdd alarms list` prints it, or its key.")
+]
 Comment = Annotated[str, typer.Option(help="What was seen or done.")]
 By = Annotated[str, typer.Option(help="Who says so.")]
 USER = os.environ.get("USER", "operator")
@@ -249,14 +290,12 @@ def alarms_list(
         return
     if not found:
         out.print("No open alarms.")
-    table = Table("key", "state", "since", "severity", "what", box=None)
     for a in found:
-        table.add_row(a["key"], a["state"], a["since_local"], a["severity"], a["summary"])
-    if found:
-        out.print(table, soft_wrap=True)
+        head = f"{a['handle']}  {a['state']}, {a['severity']}, raised {a['raised_local']}, since {a['since_local']}"
+        out.print(f"{head}\n  {a['summary']}", highlight=False, markup=False, soft_wrap=True)
 
 
-@alarms.command("ack", epilog=example('fdd alarms ack plant.yaml hx@2026-03-01T10:00:00Z --comment "on my way"'))
+@alarms.command("ack", epilog=example('fdd alarms ack plant.yaml hx.1 --comment "on my way"'))
 def alarms_ack(site_file: SiteFile, key: Key, comment: Comment = "", by: By = USER) -> None:
     """Acknowledge an alarm: somebody has seen it."""
     from fdd.service.verbs.operate import command
@@ -264,7 +303,7 @@ def alarms_ack(site_file: SiteFile, key: Key, comment: Comment = "", by: By = US
     out.print(command(site_file, key, "acknowledge", by, comment))
 
 
-@alarms.command("shelve", epilog=example("fdd alarms shelve plant.yaml hx@2026-03-01T10:00:00Z --for '3 d'"))
+@alarms.command("shelve", epilog=example("fdd alarms shelve plant.yaml hx.1 --for '3 d'"))
 def alarms_shelve(
     site_file: SiteFile,
     key: Key,
@@ -278,9 +317,7 @@ def alarms_shelve(
     out.print(command(site_file, key, "shelve", by, comment, span=span))
 
 
-@alarms.command(
-    "clear", epilog=example('fdd alarms clear plant.yaml hx@2026-03-01T10:00:00Z --comment "plates cleaned"')
-)
+@alarms.command("clear", epilog=example('fdd alarms clear plant.yaml hx.1 --comment "plates cleaned"'))
 def alarms_clear(site_file: SiteFile, key: Key, comment: Comment = "", by: By = USER) -> None:
     """Close an alarm; its charts start again, so a fault that is still there rings again."""
     from fdd.service.verbs.operate import command
@@ -403,7 +440,7 @@ def charts_design(
             screen.print(f"written: {path}")
 
 
-@app.command(epilog=example("fdd explain plant.yaml hx@2026-03-01T10:00:00Z"))
+@app.command(epilog=example("fdd explain plant.yaml hx.1"))
 def explain(site_file: SiteFile, key: Key, as_json: AsJson = False) -> None:
     """Show the evidence behind one alarm."""
     from fdd.service.verbs.explain import explain as explained

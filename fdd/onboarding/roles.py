@@ -85,7 +85,7 @@ MODELS: Mapping[str, Mapping[str, Role]] = {
         "I_solar": _SUN,
         "P_heat": _role("W", "heating|power|room", never="pump fan cooling chiller gain load",
                         likes="heating room", shared=True),
-        "T_in": _role("degC", never="outdoor supply return mixed inlet outlet hotside coldside chilled condenser "
+        "T_room": _role("degC", never="outdoor supply return mixed inlet outlet hotside coldside chilled condenser "
                       "primary secondary exchanger wall boiler heating hotwater", likes="room"),
     },
     "pump": {
@@ -227,7 +227,7 @@ def _in_si(f: Found) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
 def _zones(group: str, members: Sequence[Found], everything: Sequence[Found]) -> list[Part]:
     """A zone for each temperature of a room; its heat by the words that both names share."""
     roles = MODELS["zone"]
-    rooms = [f for f in members if score(f, roles["T_in"]) > 0 and f.quantity == "temperature"]
+    rooms = [f for f in members if score(f, roles["T_room"]) > 0 and f.quantity == "temperature"]
     said = [f for f in rooms if "room" in f.facets]
     # Called a room; or thermometers that are nothing else, few enough to be its sensors.
     rooms = said or (rooms if len(rooms) <= 6 else [])
@@ -235,7 +235,7 @@ def _zones(group: str, members: Sequence[Found], everything: Sequence[Found]) ->
     in_turn = dict(zip([r.series.name for r in rooms], heaters, strict=False)) if len(rooms) == len(heaters) else {}
     found = []
     for room in rooms:
-        mapped: dict[str, Found] = {"T_in": room}
+        mapped: dict[str, Found] = {"T_room": room}
         for name in ("T_out", "I_solar"):
             best = _best(roles[name], everything, room, prefer=members)
             if best is not None:
@@ -282,7 +282,7 @@ def _heat(room: Found, candidates: Sequence[Found], role: Role, *, alone: bool) 
 def _zone_sure(role: str, f: Found, points: Sequence[Found], what: Role) -> Sureness:
     if f.sureness == "unsure":
         return "unsure"
-    if role == "T_in":
+    if role == "T_room":
         return "sure" if "room" in f.facets else "unsure"
     rivals = [p for p in points if p is not f and score(p, what) >= score(f, what)]
     if role == "P_heat" and "heating" not in f.facets:

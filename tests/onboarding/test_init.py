@@ -110,7 +110,7 @@ def test_a_house_is_found_with_all_its_roles(tmp_path: Path) -> None:
     made = started(tmp_path, house("%Y-%m-%d %H:%M"), zone="Europe/Copenhagen")
     (part,) = made.draft.parts
     assert part.model == "zone"
-    assert part.roles == {"T_in": "Room Temp", "T_out": "Outside Temp", "I_solar": "Solar Radiation",
+    assert part.roles == {"T_room": "Room Temp", "T_out": "Outside Temp", "I_solar": "Solar Radiation",
                           "P_heat": "Heater Power"}  # fmt: skip
     site = load_site(made.path)
     assert site.step == 1800.0

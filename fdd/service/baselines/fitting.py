@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import Progress, TaskID
 
 from fdd.greybox.plots import write_html
 from fdd.greybox.results import FitResult
@@ -109,29 +109,50 @@ def fit_open_site(
     ------
     UsageError : no such equipment, or nothing could be fitted
     """
-    chosen = _chosen(context, only)
+    chosen = watched_of(context, only)
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("reading", total=None)
         history = read_span(context, since, until)
         progress.update(task, description="fitting", total=len(chosen), completed=0)
-        fitted: list[AnyFitted] = []
-        failures: list[str] = []
-        store = context.store()
-        for component in chosen:
-            progress.update(task, description=f"fitting {component.name}")
-            try:
-                found = _fit(context, component, history, starts)
-            except IdentifyError as error:
-                failures.append(str(error))
-            else:
-                fitted.append(_kept(store, found))
-            progress.advance(task)
-        store.close()
+        fitted, failures = fit_history(context, chosen, history, starts=starts, tell=_teller(progress, task))
     if failures and not fitted:
-        raise UsageError("nothing could be fitted\n  " + "\n  ".join(failures))
-    for failure in failures:
+        raise UsageError("nothing could be fitted\n  " + "\n  ".join(failures.values()))
+    for failure in failures.values():
         console.print(f"[yellow]not fitted:[/yellow] {failure}")
     return fitted
+
+
+def _teller(progress: Progress, task: TaskID) -> Callable[[str, int], None]:
+    return lambda name, done: progress.update(task, description=f"fitting {name}", completed=done)
+
+
+def fit_history(
+    context: SiteContext,
+    chosen: Sequence[Watched],
+    history: History,
+    *,
+    starts: int = 3,
+    tell: Callable[[str, int], None],
+) -> tuple[list[AnyFitted], dict[str, str]]:
+    """Fit these components to a history and keep what was found; ``tell`` hears which is fitted and how many are done.
+
+    Returns
+    -------
+    The new baselines, and why each of the others has none.
+    """
+    fitted: list[AnyFitted] = []
+    failures: dict[str, str] = {}
+    store = context.store()
+    for done, component in enumerate(chosen):
+        tell(component.name, done)
+        try:
+            found = _fit(context, component, history, starts)
+        except IdentifyError as error:
+            failures[component.name] = str(error)
+        else:
+            fitted.append(_kept(store, found))
+    store.close()
+    return fitted, failures
 
 
 def _later(context: SiteContext, until: str | None) -> History | None:
@@ -247,7 +268,13 @@ def read_span(context: SiteContext, since: str | None, until: str | None) -> His
     return span
 
 
-def _chosen(context: SiteContext, only: Sequence[str] | None) -> list[Watched]:
+def watched_of(context: SiteContext, only: Sequence[str] | None = None) -> list[Watched]:
+    """Everything of a site that can have a baseline, or what is named of it.
+
+    Raises
+    ------
+    UsageError : no such equipment
+    """
     every: list[Watched] = [*context.plan.equipment, *context.plan.watched]
     names = list(dict.fromkeys(c.name for c in every))
     for name in only or ():

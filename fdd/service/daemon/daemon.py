@@ -7,6 +7,7 @@ engine, write the outputs, and every so often save the state together with the s
 from __future__ import annotations
 
 import os
+import socket
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -105,6 +106,7 @@ class Daemon:
         self._feed: Feed | None = None
         self._outcome = DONE
         self._store_problem = ""
+        self._ended = False
         self.samples = 0
         self.frames = 0
 
@@ -162,7 +164,7 @@ class Daemon:
             return False
         self._position = entry.position
         self.samples += len(entry)
-        self._keep(outputs)
+        self._tell_and_keep(outputs)
         return True
 
     @property
@@ -189,7 +191,7 @@ class Daemon:
 
     def finish(self) -> None:
         """The stream has ended for good: close the open frames and save."""
-        self._keep(self.engine.flush())
+        self._tell_and_keep(self.engine.flush())
         self.save()
 
     def save(self) -> None:
@@ -207,6 +209,17 @@ class Daemon:
             }
         )
         self._unsaved = 0
+
+    def end(self) -> None:
+        """The process is about to end: what it says last is that it has."""
+        self._ended = True
+        self._tell()
+
+    def carry_out(self) -> None:
+        """Carry out what operators have left in the store, and save: for who looks in while no daemon runs."""
+        self._poll_commands()
+        self.save()
+        self.end()
 
     def _store_counts(self) -> None:
         counts = self.engine.counts | (self._feed.counters() if self._feed else {})
@@ -235,7 +248,8 @@ class Daemon:
         self.recover()
         return False
 
-    def _keep(self, outputs: Outputs) -> None:
+    def keep(self, outputs: Outputs) -> None:
+        """What a step gave goes to the store."""
         self.frames += outputs.frames
         self._unsaved += outputs.frames
         if not outputs.rows and not outputs.alarms:
@@ -244,6 +258,10 @@ class Daemon:
             self._store.write(outputs.rows)
             for alarm in outputs.alarms:
                 self._store.put("alarm", alarm.key, alarm_to_document(alarm))
+
+    def _tell_and_keep(self, outputs: Outputs) -> None:
+        """The same, and a line in the log for every alarm that has changed."""
+        self.keep(outputs)
         for alarm in outputs.alarms:
             log.info("alarm", key=alarm.key, state=str(alarm.state), summary=alarm.summary)
 
@@ -322,6 +340,8 @@ class Daemon:
         return {
             "key": "daemon",
             "pid": os.getpid(),
+            "host": socket.gethostname(),
+            "ended": self._ended,
             "wall": now,
             "samples": self.samples,
             "frames": self.frames,
@@ -461,7 +481,7 @@ class Daemon:
             self._outcome = DONE
         told = {"what": command.action, "alarm": command.alarm, "who": command.actor, "through": command.through}
         self._record_in_trail({**told, "comment": command.comment, "outcome": self._outcome}, number)
-        self._keep(outputs)
+        self._tell_and_keep(outputs)
         self._commands.close(self._store, command, self._outcome)
 
     def _turn_back(self, entry: TurnBack, number: int = 0) -> None:

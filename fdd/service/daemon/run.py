@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
@@ -75,6 +76,7 @@ def _run(site_file: Path, context: SiteContext, *, until_end: bool, fresh: bool)
             daemon.finish()
         else:
             daemon.save()
+        daemon.end()
         counts = daemon.engine.counts | service.feed.counters()
         log.info("stopped", samples=daemon.samples, frames=daemon.frames, counts=counts)
     finally:
@@ -175,6 +177,7 @@ def _configure_log() -> None:
             structlog.processors.format_exc_info,
             renderer,
         ],
+        wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
         logger_factory=structlog.PrintLoggerFactory(sys.stderr),
     )
 

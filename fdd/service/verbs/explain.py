@@ -11,6 +11,7 @@ from fdd.greybox.likelihood import Likelihood
 from fdd.records import Baseline, JsonObject
 from fdd.report.words import likely
 from fdd.service.alarms.book import PLANT, kind_in
+from fdd.service.alarms.handles import key_of
 from fdd.service.baselines.history import History, runs, stored_history
 from fdd.service.baselines.versions import in_force
 from fdd.service.baselines.window import record
@@ -27,17 +28,18 @@ SURE = 9.0
 """A gain of less than three standard errors squared is not worth a word."""
 
 
-def explain(site_file: Path, key: str) -> JsonObject:
-    """One alarm as it stands in the store.
+def explain(site_file: Path, said: str) -> JsonObject:
+    """One alarm as it stands in the store, by its key, its handle, or its component where that has one.
 
     Raises
     ------
     UsageError : there is no such alarm
     """
-    alarms = {a["key"]: a for a in stored_alarms(open_site(site_file))}
-    if key not in alarms:
-        raise UsageError(f"no alarm {key!r}; alarms kept: {', '.join(alarms) or 'none'}")
-    return alarms[key]
+    alarms = stored_alarms(open_site(site_file))
+    if not alarms:
+        raise UsageError("no alarm is kept; a replay keeps its alarms with --store, fdd study and fdd run always do")
+    key = key_of(said, alarms)
+    return next(a for a in alarms if a["key"] == key)
 
 
 def explained_by(plan: Plan, component: Component, history: History, baseline: Baseline) -> list[Alone]:

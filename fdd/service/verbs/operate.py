@@ -10,11 +10,16 @@ from pathlib import Path
 from fdd.records import AlarmState, JsonObject
 from fdd.service.alarms.authority import LOCAL, Authority, CommandError
 from fdd.service.alarms.book import Action, Command
+from fdd.service.alarms.handles import handles, key_of
+from fdd.service.daemon.checkpoint import Checkpoint
 from fdd.service.daemon.commands import DONE, submit, submit_turn_back
-from fdd.service.daemon.trail import Head, TrailError, read, verify
+from fdd.service.daemon.daemon import Daemon
+from fdd.service.daemon.lock import StateLock
+from fdd.service.daemon.ready import ready_engine
+from fdd.service.daemon.trail import Head, Trail, TrailError, read, verify
 from fdd.service.site.errors import UsageError
 from fdd.service.site.site_context import SiteContext, open_site
-from fdd.service.verbs.status import SILENT_SECONDS
+from fdd.service.verbs.status import state_of
 from fdd.store.store import Store
 from fdd.units import seconds
 
@@ -25,7 +30,9 @@ PATIENCE_SECONDS = 4.0
 def read_alarms(site_file: Path, *, every: bool = False) -> list[JsonObject]:
     """Alarms of a site as documents, oldest first, with times in the site's zone beside them."""
     context = open_site(site_file)
-    return [a for a in stored_alarms(context) if every or a["state"] != AlarmState.CLEARED]
+    found = stored_alarms(context)
+    names = handles(found)
+    return [{"handle": names[a["key"]], **a} for a in found if every or a["state"] != AlarmState.CLEARED]
 
 
 def stored_alarms(context: SiteContext) -> list[JsonObject]:
@@ -36,17 +43,21 @@ def stored_alarms(context: SiteContext) -> list[JsonObject]:
     return [{**a, "since_local": context.local(a["since"]), "raised_local": context.local(a["raised"])} for a in found]
 
 
-def command(site_file: Path, key: str, action: Action, by: str, comment: str = "", *, span: str | None = None) -> str:
-    """Leave a command for the daemon, and say what became of it or that the daemon has yet to see it.
+def command(site_file: Path, said: str, action: Action, by: str, comment: str = "", *, span: str | None = None) -> str:
+    """Have an alarm's command carried out, by the daemon where it runs and here where none does.
+
+    Parameters
+    ----------
+    said : the alarm's key or handle, or its component where that has one open alarm
 
     Raises
     ------
-    UsageError : no open alarm has that key, or the daemon refused the command
+    UsageError : no such open alarm, or the command is refused
     """
     context = open_site(site_file)
-    alarms = {a["key"]: a for a in stored_alarms(context) if a["state"] != AlarmState.CLEARED}
-    if key not in alarms:
-        raise UsageError(f"no open alarm {key!r}; open alarms: {', '.join(alarms) or 'none'}")
+    every = stored_alarms(context)
+    open_ = [a for a in every if a["state"] != AlarmState.CLEARED]
+    key = key_of(said, every, among=open_)
     length = None if span is None else seconds(span)
     wanted = Command(key, action, by, clock.time_ns(), comment, None, f"{LOCAL}, account {account()}", length)
     try:
@@ -55,7 +66,10 @@ def command(site_file: Path, key: str, action: Action, by: str, comment: str = "
         raise UsageError(f"{action} {key}: {error}") from None
     store = context.store()
     try:
-        outcome = _outcome(store, submit(store, wanted))
+        left = submit(store, wanted)
+        outcome = _outcome(store, left)
+        if outcome is None and context.checkpoint_path.exists():
+            outcome = _carried_out(context, store, left)
     finally:
         store.close()
     if outcome is None:
@@ -80,9 +94,11 @@ def history(site_file: Path, alarm: str | None = None) -> list[JsonObject]:
     ------
     UsageError : there is no audit trail yet, or it was tampered with
     """
-    path = open_site(site_file).trail_path
+    context = open_site(site_file)
+    path = context.trail_path
     if not path.exists():
         return []
+    alarm = alarm and key_of(alarm, stored_alarms(context))
     try:
         return [line for line in read(path) if alarm is None or line.get("alarm") == alarm]
     except TrailError as error:
@@ -134,10 +150,30 @@ def turn_back(site_file: Path, to: str, by: str) -> str:
     return f"event time set back to {context.local(time)}: {outcome}"
 
 
+def _carried_out(context: SiteContext, store: Store, left: str) -> str | None:
+    """The outcome of a command on the state that the last run has left; None where that has no such state."""
+    try:
+        lock = StateLock(context.checkpoint_path)
+    except UsageError:  # a daemon holds it, and will see the command
+        return None
+    checkpoint, trail = Checkpoint(context.checkpoint_path), Trail(context.trail_path)
+    try:
+        engine, authority = ready_engine(context), Authority.of(context.site)
+        daemon = Daemon(engine, store, checkpoint, authority=authority, trail=trail)
+        daemon.recover()
+        daemon.carry_out()
+    finally:
+        trail.close()
+        checkpoint.close()
+        lock.close()
+    document = store.get("command", left) or {}
+    return str(document["outcome"]) if "outcome" in document else None
+
+
 def _outcome(store: Store, command: str) -> str | None:
     """What a running daemon made of a command, waiting for it a little; None: it has not said."""
     status = store.get("run", "daemon")
-    if status is None or clock.time() - float(status["wall"]) > SILENT_SECONDS:
+    if status is None or "wall" not in status or state_of(status) != "running":
         return None
     for _ in range(round(PATIENCE_SECONDS / 0.1)):
         document = store.get("command", command)

@@ -12,9 +12,13 @@ from typing import TextIO
 from rich.console import Console
 from rich.progress import Progress
 
-from fdd.records import Alarm, JsonObject, Rows
+from fdd.records import Alarm, AlarmState, JsonObject, Rows
 from fdd.residual_monitors.chart import Phase
 from fdd.service.alarms.book import alarm_to_document, iso
+from fdd.service.alarms.handles import handles
+from fdd.service.daemon.checkpoint import Checkpoint, files_of
+from fdd.service.daemon.daemon import Daemon
+from fdd.service.daemon.lock import StateLock
 from fdd.service.daemon.ready import ready_engine
 from fdd.service.engine.engine import Engine, Outputs
 from fdd.service.site.feed import Feed
@@ -73,10 +77,12 @@ class ReplayResult:
         if not self.alarms:
             console.print("No alarms.")
             return
+        names = handles([alarm_to_document(a) for a in self.alarms.values()])
         for a in self.alarms.values():
             raised = self.context.local(a.raised)
             console.print(f"{raised}  {a.summary}  [{a.state}]", highlight=False, markup=False, soft_wrap=True)
-            console.print(f"  {a.key}, since {self.context.local(a.since)}", highlight=False, markup=False)
+            told = f"  {names[a.key]}, since {self.context.local(a.since)}; key {a.key}"
+            console.print(told, highlight=False, markup=False, soft_wrap=True)
 
 
 def replay_site(
@@ -87,12 +93,16 @@ def replay_site(
     until: str | None,
     verdicts: Path | None,
     console: Console,
+    store: bool = False,
 ) -> ReplayResult:
-    """Run the engine over the site's sources or a data file; nothing in the store is changed.
+    """Run the engine over the site's sources or a data file.
+
+    With ``store`` all that it gives is kept in the site's store, and its state beside it, as the daemon would have: it
+    stands in for what an earlier run has left of the same time. Without, nothing in the store is changed.
 
     Raises
     ------
-    UsageError : no component has a baseline
+    UsageError : no component has a baseline; or the site's daemon runs, whose store is not to be written to
     """
     context = open_site(site_file, data)
     engine = ready_engine(context)
@@ -102,6 +112,7 @@ def replay_site(
     feed.open()
     began = clock.monotonic()
     lines = verdicts.open("w", encoding="utf-8") if verdicts else None
+    kept = Kept(context, engine) if store else None
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("replaying", total=None)
         for batch in feed.batches():
@@ -109,9 +120,11 @@ def replay_site(
             if start is not None or end is not None:
                 inside = batch.between(start, end)
             result.samples += len(inside)
-            _take(result, engine.step(inside), lines)
+            _take(result, engine.step(inside), lines, kept)
             progress.update(task, completed=result.samples, description=f"replaying {_where(context, engine)}")
-        _take(result, engine.flush(), lines)
+        _take(result, engine.flush(), lines, kept)
+    if kept:
+        kept.close(result)
     if lines:
         lines.close()
     result.seconds = clock.monotonic() - began
@@ -125,7 +138,43 @@ def _where(context: SiteContext, engine: Engine) -> str:
     return context.local(engine.time) if engine.time is not None else ""
 
 
-def _take(result: ReplayResult, outputs: Outputs, lines: TextIO | None) -> None:
+class Kept:
+    """The store and the state of a replay that is kept, in the place of a daemon that would have run over the data."""
+
+    def __init__(self, context: SiteContext, engine: Engine) -> None:
+        self._lock = StateLock(context.checkpoint_path)
+        self._store = context.store()
+        for file in files_of(context.checkpoint_path):
+            file.unlink(missing_ok=True)
+        self._checkpoint = Checkpoint(context.checkpoint_path)
+        self._daemon = Daemon(engine, self._store, self._checkpoint)
+        self._before = {a["key"]: a for a in self._store.list("alarm") if a["state"] != AlarmState.CLEARED}
+
+    def keep(self, outputs: Outputs, samples: int) -> None:
+        """What a step gave."""
+        self._daemon.samples = samples
+        self._daemon.keep(outputs)
+
+    def close(self, result: ReplayResult) -> None:
+        """Close earlier alarms of the same time that did not come again, and save the state."""
+        for key, alarm in self._before.items():
+            if key not in result.alarms and result.first is not None and int(alarm["raised"]) >= result.first:
+                now = int(result.last or alarm["updated"])
+                said = {"time": now, "state": AlarmState.CLEARED, "actor": "replay", "comment": "did not come again"}
+                history = [*alarm["history"], said]
+                self._store.put(
+                    "alarm", key, {**alarm, "state": AlarmState.CLEARED, "updated": now, "history": history}
+                )
+        self._daemon.save()
+        self._daemon.end()
+        self._checkpoint.close()
+        self._store.close()
+        self._lock.close()
+
+
+def _take(result: ReplayResult, outputs: Outputs, lines: TextIO | None, kept: Kept | None = None) -> None:
+    if kept is not None:
+        kept.keep(outputs, result.samples)
     result.frames += outputs.frames
     for alarm in outputs.alarms:
         result.alarms[alarm.key] = alarm

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import socket
 import time as clock
 from pathlib import Path
 
@@ -9,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from fdd.records import AlarmState, JsonObject
+from fdd.service.alarms.handles import handles
 from fdd.service.site.site_context import SiteContext, open_site
 from fdd.store.store import StoreError
 
@@ -20,7 +23,7 @@ RECENT_JOBS = 5
 def read_status(site_file: Path) -> JsonObject:
     """The daemon's last status with what is worth knowing beside it.
 
-    ``state`` is running, silent (stopped, killed or hanging) or never ran.
+    ``state`` is running, ended, silent (killed or hanging) or never ran.
     """
     context = open_site(site_file)
     never: JsonObject = {"site": context.site.name, "state": "never ran", "alarms": [], "jobs": []}
@@ -38,7 +41,7 @@ def read_status(site_file: Path) -> JsonObject:
     return {
         **run,
         "site": context.site.name,
-        "state": "running" if silent < SILENT_SECONDS else "silent",
+        "state": state_of(run),
         "silent_seconds": round(silent, 1),
         "time_local": None if run["time"] is None else context.local(run["time"]),
         "jobs_next": {k: context.local(v) for k, v in run["jobs_next"].items()},
@@ -47,11 +50,35 @@ def read_status(site_file: Path) -> JsonObject:
     }
 
 
+def state_of(run: JsonObject) -> str:
+    """What a daemon's last word says of it: running, ended, or silent (killed or hanging)."""
+    if run.get("ended"):
+        return "ended"
+    here = run.get("host") == socket.gethostname()
+    if clock.time() - float(run["wall"]) >= SILENT_SECONDS or (here and not _alive(int(run["pid"]))):
+        return "silent"
+    return "running"
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # somebody else's
+        return True
+    return True
+
+
 def _alarms(context: SiteContext, alarms: list[JsonObject]) -> list[JsonObject]:
     """Open ones, oldest first."""
     keys = ("key", "component", "state", "severity", "summary")
     found = sorted((a for a in alarms if a["state"] != AlarmState.CLEARED), key=lambda a: int(a["raised"]))
-    return [{**{k: a[k] for k in keys}, "raised_local": context.local(a["raised"])} for a in found]
+    names = handles(alarms)
+    return [
+        {"handle": names[a["key"]], **{k: a[k] for k in keys}, "raised_local": context.local(a["raised"])}
+        for a in found
+    ]
 
 
 def budget_told(budget: JsonObject) -> str:
@@ -67,6 +94,12 @@ def budget_told(budget: JsonObject) -> str:
     return f"{'; '.join(parts)}, of {days}; {promised}"
 
 
+def _lag(status: JsonObject) -> str:
+    if status["state"] == "ended":
+        return "none: it has ended"
+    return "no frame yet" if status["lag_seconds"] is None else f"{status['lag_seconds']:.0f} s"
+
+
 def print_status(status: JsonObject, console: Console) -> None:
     """For people."""
     console.print(f"{status['site']}: {status['state']}", highlight=False)
@@ -78,7 +111,7 @@ def print_status(status: JsonObject, console: Console) -> None:
         "last word": f"{status['silent_seconds']:.0f} s ago, process {status['pid']}",
         "samples": f"{status['samples']} taken, {status['samples_per_second']:g} a second",
         "frames": f"{status['frames']}, the last of {status['time_local']}",
-        "lag": "no frame yet" if status["lag_seconds"] is None else f"{status['lag_seconds']:.0f} s",
+        "lag": _lag(status),
         "alarms": budget_told(status["budget"]),
         "charts": ", ".join(f"{n} {phase}" for phase, n in status["phases"].items()),
         "baselines": ", ".join(f"{k} v{v}" for k, v in status["baselines"].items()),
@@ -96,6 +129,7 @@ def print_status(status: JsonObject, console: Console) -> None:
     for job in status["jobs"]:
         console.print(f"job {job['key']}: {job['state']}", highlight=False, markup=False)
     for alarm in status["alarms"]:
-        console.print(f"alarm {alarm['key']}: {alarm['state']}; {alarm['summary']}", highlight=False, markup=False)
+        told = f"alarm {alarm['handle']}: {alarm['state']}; {alarm['summary']}"
+        console.print(told, highlight=False, markup=False, soft_wrap=True)
     if not status["alarms"]:
         console.print("No open alarms.")
