@@ -13,6 +13,7 @@ from fdd.models.declare import ComponentModel
 
 FloatArray = NDArray[np.float64]
 BEYOND = 0.5  # share of a column outside its declared range from which the column is taken for another
+MARGIN = 0.02  # share of the range by which a sensor may be off at its ends: pyranometers read below zero at night
 ODD = 0.01  # share outside from which it is said
 FROZEN = 0.25  # share of a record in which a reading that changes elsewhere stays exactly as it is
 FEWEST = 20  # values from which something may be said of them
@@ -71,8 +72,8 @@ def range_faults(name: str, model: ComponentModel, u: FloatArray, y: FloatArray)
 
 
 def _outside(column: FloatArray, low: float, high: float) -> float:
-    values = column[np.isfinite(column)]
-    return float(np.mean((values < low) | (values > high))) if len(values) >= FEWEST else 0.0
+    values, margin = column[np.isfinite(column)], MARGIN * (high - low)
+    return float(np.mean((values < low - margin) | (values > high + margin))) if len(values) >= FEWEST else 0.0
 
 
 def output_faults(name: str, model: ComponentModel, y: FloatArray, started: bool) -> None:

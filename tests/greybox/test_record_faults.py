@@ -115,3 +115,11 @@ def test_stiffness_within_an_interval_is_stepped_through_to_the_stated_bound() -
     sd = np.sqrt(b.P[:, 0, 0])
     assert (np.abs(a.x - b.x)[:, 0] / sd).max() < 5e-5
     assert chosen.value(values) == pytest.approx(exact.value(values), abs=1e-3)
+
+
+def test_a_pyranometer_that_reads_below_zero_at_night_is_no_swapped_column() -> None:
+    zone = get_model("zone")
+    t, random = np.arange(400) * 300.0, np.random.default_rng(3)
+    sun = np.where(np.arange(400) % 288 > 100, -3.0, 300.0 + random.normal(size=400))
+    u = np.column_stack([5 + random.normal(size=400), sun, 2000 + 100 * random.normal(size=400)])
+    assert Data(t, u, (21 + 0.1 * random.normal(size=400))[:, None]).check(zone) == []
