@@ -4,7 +4,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: help setup demo test test-slow test-integration lint types bench docs dashboards lock clean
+.PHONY: mutants help setup demo test test-slow test-integration lint types bench docs dashboards lock clean
 
 help:            ## Show the targets
 	@grep -hE '^[a-z-]+: .*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -35,6 +35,9 @@ lint: $(READY)   ## Style, types, and the direction of dependencies
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+mutants: $(READY)  ## Which tests fail if a core line is changed: a sample of mutants
+	$(BIN)/python -m benchmarks.mutants
 
 bench: $(READY)  ## Every benchmark, quick size
 	@for b in kernels components chiller_eiv alarms service; do $(BIN)/python -m benchmarks.$$b --quick || exit 1; done

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -100,3 +101,16 @@ def test_isolation_takes_the_single_change_that_fits() -> None:
     assert i.parameter == "R"
     assert i.change == pytest.approx(0.2)
     assert i.probability > 0.999
+
+
+def test_isolation_allows_for_what_the_baseline_itself_does_not_know() -> None:
+    """A baseline that knows a parameter worse widens the interval of its change by the root of the sum of variances."""
+    verdicts, widths = {}, {}
+    for factor in (1.0, 100.0):
+        monitor, weeks = monitor_and_weeks(4, 12, fault)
+        b = monitor.baseline
+        known = replace(b, covariance=b.covariance * factor)
+        i = run(DriftMonitor(known), weeks)[-1].isolation
+        assert i is not None
+        verdicts[factor], widths[factor] = i, i.high - i.low
+    assert widths[100.0] > 1.5 * widths[1.0]

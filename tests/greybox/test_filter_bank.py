@@ -137,6 +137,27 @@ def test_new_parameters_take_hold_of_running_filters() -> None:
     np.testing.assert_allclose(s.predicted[1], late.predicted[1], atol=0.05)
 
 
+def test_moved_parameters_take_their_states_with_them_by_the_tangents() -> None:
+    """Central differences of whole runs with other parameters are the outside number."""
+    m, d = problems.building(), kernel_record("building")
+    at, by = 0, 1e-3
+    rows = typical(m, 3)
+    rows[1, at] *= np.exp(by)
+    rows[2, at] *= np.exp(-by)
+    bank = FilterBank(m, rows)
+    run(bank, d, range(60))
+    x, _ = bank.states()
+    derivative = (x[1] - x[2]) / (2 * by)
+    shift = np.zeros((1, rows.shape[1]))
+    shift[0, at] = 0.01
+    bank.move(np.array([0]), shift)
+    moved = bank.states()[0]
+    assert np.abs(derivative).max() > 1e-3  # the state does hang on this parameter
+    np.testing.assert_allclose(moved[0] - x[0], 0.01 * derivative, rtol=0.05, atol=2e-4 * np.abs(derivative).max())
+    np.testing.assert_array_equal(moved[1:], x[1:])
+    assert bank.parameters[0, at] == pytest.approx(rows[0, at] * np.exp(0.01))
+
+
 def test_time_that_does_not_increase_and_missing_inputs_have_words() -> None:
     m, d = problems.building(), kernel_record("building")
     bank = FilterBank(m, typical(m, 2))

@@ -9,9 +9,10 @@ import pytest
 
 from fdd.records import NANOSECONDS, Alarm, AlarmState
 from fdd.service.alarms.book import ACTIONS, AlarmBook, AlarmError, Command, Ring
-from fdd.service.alarms.life import FLAPPING, GRACE, LIFE, QUIET, QUIET_MOST, Event
+from fdd.service.alarms.life import FLAPPING, LIFE, QUIET, QUIET_MOST, Event
 
 HOUR = 3600 * NANOSECONDS
+GRACE = 24 * HOUR  # docs/alarms.md: an alarm explains others until its evidence has been gone for a day
 R, A, H = AlarmState.RAISED, AlarmState.ACKNOWLEDGED, AlarmState.SHELVED
 S, N, C = AlarmState.SUPPRESSED, AlarmState.RETURNED, AlarmState.CLEARED
 
