@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from fdd.greybox.results import FitResult, Trial
 from fdd.greybox.scale import ParameterError, Prior, chain, from_scale, scale_bounds, scale_unit, to_scale
 from fdd.greybox.trust import Optimum, minimise
 from fdd.models.declare import ComponentModel
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FloatArray = NDArray[np.float64]
 Progress = Callable[[int, int, float], None]
@@ -76,7 +79,7 @@ class Objective:
 
 def fit(
     model: ComponentModel,
-    data: Data | Sequence[Data],
+    data: Data | Sequence[Data] | pd.DataFrame,
     *,
     start: Mapping[str, float] | FitResult | None = None,
     fixed: Mapping[str, float] | None = None,
@@ -95,7 +98,7 @@ def fit(
     Parameters
     ----------
     model : the component model; bounds and transforms are those of its parameter table
-    data : one record, or several experiments whose likelihoods are added
+    data : one record, or several experiments whose likelihoods are added; or a table as :meth:`Data.from_frame` takes
     start : values to start from by symbol (others start at their typical value), or an earlier result (warm start)
     fixed : parameters held at a value
     priors : :class:`Prior` by symbol
@@ -112,7 +115,7 @@ def fit(
     ------
     DataError, ParameterError : what cannot be used, with the remedy
     """
-    records = [data] if isinstance(data, Data) else list(data)
+    records = _records(data, model)
     likelihood = Likelihood(model, records, method=method, substeps=substeps, huber=huber)
     held = dict(fixed or {})
     values = _start_values(model, start, held, priors or {})
@@ -129,6 +132,12 @@ def fit(
     with _bar(model.name) if progress is True else nullcontext(progress or None) as told:
         best, trials = _search(objective, starts, seed, spread, told)
     return _result(objective, best, trials, errors, values)
+
+
+def _records(data: Data | Sequence[Data] | pd.DataFrame, model: ComponentModel) -> list[Data]:
+    if isinstance(data, Data):
+        return [data]
+    return list(data) if isinstance(data, Sequence) else [Data.from_frame(data, model)]
 
 
 @contextmanager

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,11 @@ from fdd.greybox.record_faults import DataError, frozen, output_faults, range_fa
 from fdd.greybox.scale import chain
 from fdd.models.declare import ComponentModel
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 FloatArray = NDArray[np.float64]
+Unit = str | tuple[str, str]
 FAILURES = {
     6: "a state or its covariance is not finite",
     7: "an innovation variance is not positive",
@@ -68,6 +73,43 @@ class Data:
                 f"{self.name}: time does not increase at row {k}: {t[k]} after {t[k - 1]} "
                 f"({bad.size} such rows); sort the record and drop duplicates"
             )
+
+    @classmethod
+    def from_frame(
+        cls,
+        df: pd.DataFrame,
+        model: ComponentModel,
+        *,
+        columns: Mapping[str, str] | None = None,
+        units: Mapping[str, Unit] | None = None,
+        zone: str | None = None,
+        hold: codegen.Hold = "zero",
+        name: str = "data",
+    ) -> Data:
+        """A record from a table with a datetime index (or one in seconds), its columns bound by name.
+
+        Parameters
+        ----------
+        columns : model symbol to column, where they are not called the same
+        units : model symbol to the unit of its column; with the fluid for volume flows, ``("l/h", "water")``
+        zone : IANA zone of local times that name none; UTC unless given
+
+        Raises
+        ------
+        DataError : what cannot be used, with the remedy
+        """
+        from fdd.greybox.frame import bound, seconds
+
+        if len(df) < 2:
+            raise DataError(f"{name}: {len(df)} rows; at least two are needed")
+        u, y = bound(df, model, columns, units, name)
+        # A record begins with everything measured and ends with its inputs known; gaps between are told by check().
+        usable = np.flatnonzero(np.isfinite(u).all(axis=1))
+        whole = usable[np.isfinite(y[usable]).all(axis=1)]
+        begin, end = (int(whole[0]), int(usable[-1]) + 1) if len(whole) else (0, len(df))
+        data = cls(seconds(df.index, zone, name)[begin:end], u[begin:end], y[begin:end], hold=hold, name=name)
+        data.check(model)
+        return data
 
     def __len__(self) -> int:
         return len(self.t)
