@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fdd.evidence import parts_of
 from fdd.records import Baseline
 from fdd.report.evidence import Evidence, Trace
 from fdd.report.findings import Finding
 from fdd.report.site import ComponentInfo, SiteInfo
-from fdd.report.words import DAY, chart_words, in_words, interval, local_day, percent, quantity, sentence, split_chart
+from fdd.report.words import DAY, chart_words, in_words, interval, local_day, percent, quantity, sentence
 from fdd.store.store import Store
 
 MODEL = "gordon_ng"
@@ -151,5 +152,5 @@ def _charts(info: ComponentInfo, evidence: Evidence, start: int, end: int) -> li
         if len(good):
             ratio = float(part.statistic[good[-1]] / part.limit[good[-1]])
             words = "over its limit" if ratio >= 1 else f"{percent(ratio)} of its limit"
-            found.append((sentence(chart_words(*split_chart(name), info)).rstrip("."), words))
+            found.append((sentence(chart_words(*parts_of(name), info)).rstrip("."), words))
     return found

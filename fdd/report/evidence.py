@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
+from fdd.evidence import has_kind
 from fdd.records import Baseline, FloatArray, IntArray
 from fdd.report.words import DAY
 from fdd.store.store import Store
@@ -121,6 +122,7 @@ def load(
             block["phase"].fillna(NO_DATA).to_numpy(dtype=np.int64),
         )
         for name, block in _blocks(store, "charts", catalogue.charts.get(component, ()), start, end)
+        if has_kind(name)
     }
     return Evidence(outputs, charts, _parameters(store, catalogue.parameters.get(component, ()), end, baselines))
 

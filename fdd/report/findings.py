@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fdd.evidence import parts_of
 from fdd.records import Alarm, AlarmState, JsonObject
 from fdd.report.evidence import Evidence
 from fdd.report.site import ComponentInfo, SiteInfo
@@ -24,12 +25,14 @@ from fdd.report.words import (
     names_in_words,
     quantity,
     sentence,
-    split_chart,
 )
 from fdd.store.schema import SEVERITIES
 
 # What an alarm's state says of how urgent it is; the first is looked at first.
 URGENCY = (AlarmState.RAISED, AlarmState.ACKNOWLEDGED, AlarmState.RETURNED, AlarmState.SHELVED)
+
+SERVICE = "service"
+"""The actor of what the service did by itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +201,7 @@ def _summary(alarm: Alarm, info: ComponentInfo) -> str:
     """What departs and to which side, and the likeliest cause; the service's own sentence where charts give no side."""
     sides: dict[int, list[str]] = {1: [], -1: []}
     for name, numbers in alarm.evidence.get("charts", {}).items():
-        meaning = info.meaning(str(numbers.get("symbol") or split_chart(name)[0]))
+        meaning = info.meaning(str(numbers.get("symbol") or parts_of(name)[0]))
         sides.get(int(numbers.get("direction", 0)), []).append(meaning)
     if of_model(alarm):
         return "Its model no longer describes it: what is said of its faults may be wrong until it has a new baseline."
@@ -238,7 +241,7 @@ def _signals(alarm: Alarm, info: ComponentInfo, evidence: Evidence) -> tuple[Sig
     found = []
     for name in dict.fromkeys([*alarm.charts, *charts]):
         numbers = charts.get(name, {})
-        symbol, kind = split_chart(name)
+        symbol, kind = parts_of(name)
         symbol = str(numbers.get("symbol") or symbol)
         limit = float(numbers.get("limit") or np.nan)
         ratio = float(numbers.get("statistic") or np.nan) / limit
@@ -280,7 +283,7 @@ def _departures(alarm: Alarm, info: ComponentInfo, evidence: Evidence, end: int)
     """Mean of measured minus expected since the onset, for the outputs whose charts passed their limits."""
     lines = []
     for name in alarm.evidence.get("charts", {}):
-        symbol = str(alarm.evidence["charts"][name].get("symbol") or split_chart(name)[0])
+        symbol = str(alarm.evidence["charts"][name].get("symbol") or parts_of(name)[0])
         trace, output = evidence.outputs.get(symbol), info.outputs.get(symbol)
         if trace is None or output is None:
             continue
@@ -302,7 +305,7 @@ def _changes(alarm: Alarm, info: ComponentInfo) -> list[str]:
     """How far parameters have moved, where their charts could tell (``change``, ``standard_error``, ``scale``)."""
     lines = []
     for name, numbers in alarm.evidence.get("charts", {}).items():
-        symbol = str(numbers.get("symbol") or split_chart(name)[0])
+        symbol = str(numbers.get("symbol") or parts_of(name)[0])
         change, error = numbers.get("change"), numbers.get("standard_error")
         if symbol not in info.parameters or change is None or error is None:
             continue
@@ -373,9 +376,12 @@ def _unpriced(cost: Mapping[str, Any]) -> tuple[str, str]:
 def _entry(entry: JsonObject, component: str, info: ComponentInfo, site: SiteInfo) -> Entry:
     state = str(entry.get("state", ""))
     actor = str(entry.get("actor", ""))
+    comment = str(entry.get("comment", ""))
+    if actor != SERVICE:  # what people write stands as they wrote it
+        return Entry(int(entry["time"]), state, actor, comment)
     # Points first: what a symbol means may hold a word that is also a point's name.
-    comment = sentence(in_words(names_in_words(str(entry.get("comment", "")), site), component, info))
-    return Entry(int(entry["time"]), state, "the service" if actor == "service" else actor, comment)
+    said = sentence(in_words(names_in_words(comment, site), component, info))
+    return Entry(int(entry["time"]), state, "the service", said)
 
 
 def timing(f: Finding, site: SiteInfo, end: int) -> dict[str, str]:

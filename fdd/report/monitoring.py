@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fdd.diagnosis.judged import is_consequence, judged_false
+from fdd.evidence import ChartKind, parts_of
 from fdd.records import NANOSECONDS, Alarm, Baseline
 from fdd.report.evidence import ALARM, LEARNING, QUIET, Evidence, step_of
 from fdd.report.site import ComponentInfo, SiteInfo
-from fdd.report.words import COUNTS, DAY, duration, local, percent, quantity, split_chart
+from fdd.report.words import COUNTS, DAY, duration, local, percent, quantity
 from fdd.residual_monitors.budget import Realised, realised
 from fdd.store.store import Store
 
@@ -19,7 +20,7 @@ ENOUGH = 0.8
 """A component watched for less of the period than this is reported as not fully monitored."""
 
 
-SLOW = {"cluster": DAY, "weekly": 7 * DAY}
+SLOW = {ChartKind.CLUSTER: DAY, ChartKind.WEEKLY: 7 * DAY}
 """How often charts judge that do not judge with every step, by kind [ns]."""
 
 
@@ -77,7 +78,7 @@ class Count:
 def watch(name: str, info: ComponentInfo, evidence: Evidence, start: int, end: int) -> Watch:
     """How far a component was watched from ``start`` to ``end`` [ns]."""
     judged, learning = [], []
-    kinds = {name: split_chart(name)[1] for name in evidence.charts}
+    kinds = {name: parts_of(name)[1] for name in evidence.charts}
     for name_, chart in evidence.charts.items():
         interval = SLOW.get(kinds[name_], step_of(evidence))
         if interval > max(end - start, DAY):
@@ -86,7 +87,7 @@ def watch(name: str, info: ComponentInfo, evidence: Evidence, start: int, end: i
         part = chart.between(start, end)
         learns = part.phase == LEARNING
         # A score chart that learns what its baseline is off by may ring meanwhile.
-        waits = learns & (kinds[name_] != "score")
+        waits = learns & (kinds[name_] is not ChartKind.SCORE)
         judged.append(np.count_nonzero(((part.phase == QUIET) | (part.phase == ALARM) | learns) & ~waits) / frames)
         learning.append(np.count_nonzero(waits) / frames)
     times = [int(t.time[-1]) for t in evidence.outputs.values() if len(t.time)]
@@ -98,7 +99,7 @@ def watch(name: str, info: ComponentInfo, evidence: Evidence, start: int, end: i
             if np.isfinite(residual).any():
                 error = float(np.sqrt(np.nanmean(residual**2)))
                 fit.append((output.meaning, quantity(error, output.unit, difference=True)))
-    patience = 2 * DAY if "cluster" in kinds.values() else DAY
+    patience = 2 * DAY if ChartKind.CLUSTER in kinds.values() else DAY
     return Watch(name, info, _mean(judged), _mean(learning), max(times, default=None), tuple(fit), patience)
 
 

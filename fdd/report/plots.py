@@ -15,11 +15,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from fdd.evidence import parts_of
 from fdd.records import NANOSECONDS, FloatArray, IntArray
 from fdd.report.evidence import LEARNING, NO_DATA, ChartTrace, ParameterTrace, Trace
 from fdd.report.findings import Finding
 from fdd.report.site import SiteInfo
-from fdd.report.words import DAY, HOUR, local, scale, split_chart
+from fdd.report.words import DAY, HOUR, local, scale
 
 BLUE, ORANGE, RED, GREY, INK = "#0072b2", "#e69f00", "#b3400a", "#8a949e", "#1f2a36"
 BAND = "#cfe3f1"
@@ -72,7 +73,7 @@ def plots(finding: Finding, site: SiteInfo, start: int, end: int) -> list[Plot]:
     site : for units and the zone of the time axes
     start, end : the report's period [ns]
     """
-    symbols = dict.fromkeys(split_chart(s.name)[0] for s in finding.signals)
+    symbols = dict.fromkeys(parts_of(s.name)[0] for s in finding.signals)
     rang = [s for s in symbols if s in finding.evidence.outputs] or list(finding.evidence.outputs)
     near = (finding.since - 2 * DAY, min(end, max(finding.raised + 2 * DAY, finding.since + 3 * DAY)))
     shown = [finding.evidence.outputs[s].between(*near) for s in rang[:2]]

@@ -8,11 +8,15 @@ from collections.abc import Sequence
 from datetime import datetime
 from zoneinfo import ZoneInfo
 
+from fdd.evidence import ChartKind
 from fdd.records import NANOSECONDS, AlarmState
+from fdd.report.language import language
 from fdd.report.site import ComponentInfo, SiteInfo
 
 DAY = 86400 * NANOSECONDS
 HOUR = 3600 * NANOSECONDS
+ALL = "all"
+"""Stands for a symbol in the name of a chart that watches all measurements together."""
 
 STATES = {
     AlarmState.RAISED: "open, nobody has confirmed it yet",
@@ -21,19 +25,6 @@ STATES = {
     AlarmState.SUPPRESSED: "follows from another finding",
     AlarmState.RETURNED: "the signs are gone, waiting to be closed",
     AlarmState.CLEARED: "closed",
-}
-
-CHART_KINDS = {
-    "cusum": "drift chart (CUSUM)",
-    "ewma": "trend chart (EWMA)",
-    "shewhart": "jump chart (Shewhart)",
-    "glr": "step chart (GLR)",
-    "score": "parameter drift chart (score CUSUM)",
-    "nis": "joint chart (normalised innovation squared)",
-    "mewma": "joint trend chart (MEWMA)",
-    "cluster": "chart of steady states (likelihood ratio)",
-    "weekly": "weekly drift chart (CUSUM)",
-    "whiteness": "pattern chart (whiteness)",
 }
 
 COUNTS = {
@@ -142,25 +133,22 @@ def duration(nanoseconds: int) -> str:
     return f"{hours} h {minutes} min" if hours and minutes else f"{hours} h" if hours else f"{minutes} min"
 
 
-def chart_words(symbol: str, kind: str, info: ComponentInfo) -> str:
+def chart_words(symbol: str, kind: ChartKind, info: ComponentInfo) -> str:
     """A chart by what it does and what it watches."""
-    what = info.meaning(symbol) if symbol not in ("", "all", "*") else "all measurements together"
-    return f"{CHART_KINDS.get(kind.lower(), f'{kind} chart')} of {what}"
-
-
-def split_chart(name: str) -> tuple[str, str]:
-    """(symbol, kind) of a chart named ``component/symbol:kind``."""
-    stream, _, kind = name.rpartition("/")[2].rpartition(":")
-    return (stream, kind) if stream else (kind, "")
+    title = language().chart(kind)
+    if kind is ChartKind.STEADY:
+        return title
+    return f"{title} of {info.meaning(symbol) if symbol != ALL else 'all measurements together'}"
 
 
 def in_words(text: str, component: str, info: ComponentInfo) -> str:
     """A sentence of the service with chart names and symbols replaced by what they mean."""
 
     def chart(match: re.Match[str]) -> str:
-        return f"the {chart_words(match[1], match[2], info)}"
+        return f"the {chart_words(match[1], ChartKind(match[2]), info)}"
 
-    text = re.sub(rf"(?:\bchart )?{re.escape(component)}/([^\s:/]+):(\w+)", chart, text)
+    kinds = "|".join(ChartKind)
+    text = re.sub(rf"(?:\bchart )?{re.escape(component)}/([^\s:/]+):({kinds})\b", chart, text)
     known = {s for s in (*info.outputs, *info.parameters) if info.meaning(s) != s}
     if not known:
         return text

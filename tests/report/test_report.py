@@ -446,6 +446,17 @@ def test_keys_end_before_punctuation_and_points_are_not_found_in_words() -> None
     assert comment == "the drift chart (CUSUM) of indoor temperature passed its limit"
 
 
+def test_what_an_operator_writes_is_never_touched(store: SqliteStore) -> None:
+    said = "supply held at 45 °C by C_hot, rad0.T_return and substation-hx@2025 look odd; not a fault"
+    document = plant.fouling()
+    document["history"].append({"time": plant.END, "state": "acknowledged", "actor": "anna", "comment": said})
+    with store.transaction():
+        store.put("alarm", document["key"], document)
+    report = gather(store, plant.site(2))
+    assert report.findings[0].history[-1].comment == said
+    assert said in render_html(report)
+
+
 def test_a_model_that_no_longer_holds_is_no_finding(store: SqliteStore) -> None:
     info = plant.site(2)
     document = plant.alarm("radiator-1", {}, causes=[{"meaning": "stale", "for": ["it has a memory"]}])

@@ -16,6 +16,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from fdd.diagnosis.equipment import Knowledge, Verdict, examine, in_words, judge_day
+from fdd.evidence import STEADY
 from fdd.models.expectation import Day
 from fdd.records import NANOSECONDS, Alarm, Baseline, FloatArray, IntArray, JsonObject, Rows
 from fdd.residual_monitors.chart import Phase
@@ -26,8 +27,6 @@ SAME = 0.2
 """Probability that an open finding's place must still have for a new day to be its own."""
 OTHER = "other"
 """Where findings belong that no known fault explains."""
-STEADY = "steady readings"
-"""Name of the bank's own chart."""
 SEVERE = 3.0
 """How many times its limit evidence must be for a finding to be of high severity."""
 
