@@ -116,17 +116,22 @@ def _ask(question: str, guessed: str, others: Sequence[str]) -> str:
     return str(typer.prompt(f"{question}{choices}", default=guessed, err=True))
 
 
-@app.command(epilog=example("fdd check plant.yaml", "fdd check plant.yaml history.csv"))
-def check(site_file: SiteFile, data: DataFile = None, as_json: AsJson = False) -> None:
-    """Check a site file, and the quality of data where a file is given, without network."""
+@app.command(epilog=example("fdd check plant.yaml", "fdd check plant.yaml history.csv --html data.html"))
+def check(
+    site_file: SiteFile,
+    data: DataFile = None,
+    html: Annotated[Path | None, typer.Option(help="Write a page about the data here, with a picture.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Check a site file and the quality of its data, without network; exit code 3 where most of the data is lost."""
     from fdd.service.verbs.check import check_all
 
-    result = check_all(site_file, data)
+    result = check_all(site_file, data, html)
     if as_json:
         _print_json(result.document())
     else:
         result.print(out)
-    raise typer.Exit(1 if result.errors else 0)
+    raise typer.Exit(result.exit_code)
 
 
 @app.command(epilog=example("fdd fit plant.yaml history.csv --until 2026-03-01"))
