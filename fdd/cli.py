@@ -644,7 +644,11 @@ def main() -> None:
     """Run a verb.
 
     Every exception class of the project is written for its users: it is printed without a traceback, exit code 1.
+    What is logged goes to stderr: with --json, stdout is one object and nothing else.
     """
+    import structlog
+
+    structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
     try:
         app(standalone_mode=True)
     except Exception as error:

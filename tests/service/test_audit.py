@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -139,6 +141,16 @@ def test_a_fit_for_the_audit_changes_nothing_in_the_store(tmp_path: Path) -> Non
     table = RUNNER.invoke(app, ["audit", str(site), str(data), "--fit-until", until])
     assert "part of the record" in table.stdout
     assert "promised over the time judged" in table.stdout
+
+
+def test_json_is_all_that_stdout_gets_where_a_site_file_has_former_words(tmp_path: Path) -> None:
+    site, data = folder_of(tmp_path, Course(28))
+    site.write_text(SITE.replace("T_room: T}", "T_in: T}").replace("T_room:", "T_in:"))
+    until = iso(START + LEARNING * DAY)
+    command = [sys.executable, "-m", "fdd", "audit", str(site), str(data), "--fit-until", until, "--json"]
+    said = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert json.loads(said.stdout)["site"] == "room"
+    assert "is called 'T_room' now" in said.stderr
 
 
 def test_without_a_baseline_it_says_what_to_do(tmp_path: Path) -> None:
