@@ -87,8 +87,8 @@ def test_what_is_promised_over_all_places_is_the_budget_over_the_time(baseline: 
     whole = sum(k.due for k in parts.values())
     assert whole == pytest.approx(BUDGET * DAYS / 365.25, rel=1e-6)
     assert parts["fitted"].due / whole == pytest.approx(LEARNING / DAYS, abs=0.25 / DAYS)
-    assert 0.9 * whole < sum(k.promised for k in parts.values()) <= whole
-    assert "probation" not in parts
+    # In the first week of its probation the chart of days rings for gross faults only: promised, but not judged.
+    assert 0.75 * whole < sum(k.promised for k in parts.values()) < whole
     held = replace(baseline, diagnostics={**baseline.diagnostics, "probation": {"end": baseline.end + 7 * DAY}})
     counter = Counter(engine := Engine(plan(BUDGET), {"room": held}))
     for piece in pieces(Batch.of_table(POINTS, history.time, history.values)):
@@ -130,13 +130,15 @@ def test_pieces_are_the_batch_again_and_end_with_their_span() -> None:
 
 
 def test_a_fit_for_the_audit_changes_nothing_in_the_store(tmp_path: Path) -> None:
-    site, data = folder_of(tmp_path, Course(28))
+    site, data = folder_of(tmp_path, Course(DAYS))
     until = iso(START + LEARNING * DAY)
     said = RUNNER.invoke(app, ["audit", str(site), str(data), "--fit-until", until, "--from", until, "--json"])
     assert said.exit_code == 0, said.output
     found = json.loads(said.stdout)
-    assert (found["from"], list(found["parts"])) == (iso(START + LEARNING * DAY), [WATCHED])
-    assert found["all"]["promised"] == pytest.approx(7 / 365.25, rel=0.05)  # one a year by default
+    assert found["from"] == iso(START + LEARNING * DAY)
+    # Three weeks are too few to hold any back: a week of probation, then another that is watched, one a year by default.
+    assert set(found["parts"]) == {"probation", WATCHED}
+    assert found["all"]["promised"] == pytest.approx(7 / 365.25, rel=0.15)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["data.csv", "site.yaml"]  # no store was made
     table = RUNNER.invoke(app, ["audit", str(site), str(data), "--fit-until", until])
     assert "part of the record" in table.stdout
