@@ -136,7 +136,7 @@ def test_a_fit_for_the_audit_changes_nothing_in_the_store(tmp_path: Path) -> Non
     assert said.exit_code == 0, said.output
     found = json.loads(said.stdout)
     assert found["from"] == iso(START + LEARNING * DAY)
-    # Three weeks are too few to hold any back: a week of probation, then another that is watched, one a year by default.
+    # Three weeks are too few to hold any back: a week of probation, another that is watched; one a year by default.
     assert set(found["parts"]) == {"probation", WATCHED}
     assert found["all"]["promised"] == pytest.approx(7 / 365.25, rel=0.15)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["data.csv", "site.yaml"]  # no store was made
