@@ -15,7 +15,7 @@ an hour are correlated over some two hours, so that each counts a quarter.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import logsumexp, ndtr, ndtri
@@ -47,16 +47,21 @@ MOVES = 0.15
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """Parameters on their scale: mean (p,) and a root of their covariance (p, p); errors of the outputs by role."""
+    """Parameters on their scale: mean (p,) and a root of their covariance (p, p); errors of the outputs by role.
+
+    ``seen`` is the range of each driver on the days it was learned from.
+    """
 
     mean: FloatArray
     root: FloatArray
     errors: Mapping[str, float]
     days: int = 0
+    seen: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def document(self) -> JsonObject:
         """Plain data."""
         return {
+            "seen": {role: list(ends) for role, ends in self.seen.items()},
             "mean": self.mean.tolist(),
             "root": self.root.tolist(),
             "errors": dict(self.errors),
@@ -66,7 +71,8 @@ class Belief:
     @classmethod
     def of(cls, document: JsonObject) -> Belief:
         """What :meth:`document` wrote."""
-        return cls(np.array(document["mean"]), np.array(document["root"]), document["errors"], document["days"])
+        seen = {role: (ends[0], ends[1]) for role, ends in document["seen"].items()}
+        return cls(np.array(document["mean"]), np.array(document["root"]), document["errors"], document["days"], seen)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ worth as much as that number.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import stats
@@ -16,7 +16,7 @@ from scipy.special import logsumexp
 
 from fdd.diagnosis import bank
 from fdd.diagnosis.bank import NORMAL, UNKNOWN, Fitted, Weighed
-from fdd.diagnosis.evidence import Beliefs, Statistic, Test, allowed_chance, judge, learn, statistics
+from fdd.diagnosis.evidence import Beliefs, Statistic, Test, allowed_chance, judge, learn, seen_of, statistics, within
 from fdd.models.expectation import Day, EquipmentModel, Row, Values
 from fdd.records import JsonObject
 
@@ -126,7 +126,14 @@ def teach(model: EquipmentModel, days: Sequence[Examined], errors: Mapping[str, 
     rows = learn(model, [d.statistics for d in seen], errors)
     blocks = [d.blocks for d in seen if d.blocks is not None]
     form = bank.learn(model.form, blocks) if model.form is not None else None
+    if form is not None:
+        form = replace(form, seen=seen_of([_drivers(model, b) for b in blocks]))
     return Knowledge(rows, form, len(seen))
+
+
+def _drivers(model: EquipmentModel, blocks: Values) -> dict[str, float]:
+    """What came from outside while the equipment had settled, its mean by role."""
+    return {role: float(blocks[role].mean()) for role in model.drivers if role in blocks}
 
 
 def judge_day(
@@ -149,7 +156,9 @@ def judge_day(
     ringing = [t for t in tests if t.rings]
     weighed, ratio = None, None
     if model.form is not None and day.blocks is not None:
-        belief = knowledge.form or bank.prior(model.form)
+        learned = knowledge.form
+        known = learned is not None and within(learned.seen, _drivers(model, day.blocks))
+        belief = learned if learned is not None and known else bank.prior(model.form)
         ratio = 0.0
         if ringing or bank.misfit(model.form, day.blocks, belief) > limit - 1.0:
             weighed = bank.weigh(model, day.blocks, belief)

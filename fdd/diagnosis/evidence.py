@@ -26,6 +26,8 @@ ENOUGH = 5
 KNOWN = 4.0
 """Degrees of freedom that the declared spread of an hour is worth."""
 DAY_FACTOR = 365.25
+BEYOND, NEAR = 0.1, 1.0
+"""How far beyond the range of a driver what was learned in it still holds: a share of the range, and kelvins."""
 REMAINS = 0.15
 """What a learned error may have moved since, as a share of its standard deviation before learning."""
 
@@ -41,6 +43,7 @@ class Statistic:
     factors : of the row's terms, (n_terms,)
     count : how many stretches the row applied to
     at : event time at which the stretch judged began [s]
+    drivers : what came from outside in that stretch, by role
     """
 
     row: str
@@ -49,6 +52,7 @@ class Statistic:
     factors: tuple[float, ...]
     count: int
     at: float
+    drivers: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def key(self) -> str:
@@ -58,13 +62,21 @@ class Statistic:
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """A test's terms: mean and covariance; variance of a stretch and its degrees of freedom (inf: given)."""
+    """A test's terms: mean and covariance; variance of a stretch and its degrees of freedom (inf: given).
+
+    ``seen`` is the range of each driver on the days it was learned from, by role.
+    """
 
     mean: FloatArray
     covariance: FloatArray
     variance: float
     freedom: float = np.inf
     days: int = 0
+    seen: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def holds(self, drivers: Mapping[str, float]) -> bool:
+        """Whether a stretch is like those that it was learned from."""
+        return within(self.seen, drivers)
 
     def predict(self, factors: Sequence[float]) -> tuple[float, float]:
         """Expected value and its standard deviation for one more day."""
@@ -111,6 +123,7 @@ class Beliefs:
                 "variance": b.variance,
                 "freedom": b.freedom,
                 "days": b.days,
+                "seen": {role: list(ends) for role, ends in b.seen.items()},
             }
             for key, b in self.tests.items()
         }
@@ -126,6 +139,7 @@ class Beliefs:
                     d["variance"],
                     d["freedom"],
                     d["days"],
+                    {role: (ends[0], ends[1]) for role, ends in d["seen"].items()},
                 )
                 for key, d in document.items()
             }
@@ -137,11 +151,11 @@ def statistics(model: EquipmentModel, day: Day) -> list[Statistic]:
     found: list[Statistic] = []
     for row in model.rows:
         if all(role in day for role in row.needs):
-            found += _sides(row, day)
+            found += _sides(row, day, [r for r in model.drivers if r in day])
     return found
 
 
-def _sides(row: Row, day: Day) -> list[Statistic]:
+def _sides(row: Row, day: Day, drivers: Sequence[str]) -> list[Statistic]:
     with np.errstate(all="ignore"):
         residual, terms = row.residual(day)
     symbols = term_symbols(row)
@@ -169,10 +183,36 @@ def _sides(row: Row, day: Day) -> list[Statistic]:
         value = max(value, 0.0) if row.inequality else value
         found.append(
             Statistic(
-                row.name, side, value, tuple((side * factors[pick]).tolist()), len(kept), float(kept[pick] * row.span)
+                row.name,
+                side,
+                value,
+                tuple((side * factors[pick]).tolist()),
+                len(kept),
+                float(kept[pick] * row.span),
+                {role: float(np.nanmean(day[role][inside[pick]])) for role in drivers if _any(day[role][inside[pick]])},
             )
         )
     return found
+
+
+def _any(x: FloatArray) -> bool:
+    return bool(np.isfinite(x).any())
+
+
+def seen_of(drivers: Sequence[Mapping[str, float]]) -> dict[str, tuple[float, float]]:
+    """The range of each driver over several days."""
+    roles = {role for d in drivers for role in d}
+    ranges = {role: [d[role] for d in drivers if role in d] for role in sorted(roles)}
+    return {role: (min(x), max(x)) for role, x in ranges.items()}
+
+
+def within(seen: Mapping[str, tuple[float, float]], drivers: Mapping[str, float]) -> bool:
+    """Whether drivers lie in the range seen, or a little beyond it."""
+    return all(
+        low - BEYOND * (high - low) - NEAR <= drivers[role] <= high + BEYOND * (high - low) + NEAR
+        for role, (low, high) in seen.items()
+        if role in drivers
+    )
 
 
 def _mean(term: FloatArray | float, inside: FloatArray) -> float:
@@ -213,7 +253,8 @@ def judge(
     tests = []
     for s in found:
         learned = beliefs.tests.get(s.key)
-        belief = learned or prior(model, rows[s.row], errors)
+        # What was learned in one season says nothing of another: there the declared accuracies hold.
+        belief = learned if learned and learned.holds(s.drivers) else prior(model, rows[s.row], errors)
         expected, sd = belief.predict(s.factors)
         z = (s.value - expected) / sd
         chance = float(stats.norm.sf(z) if np.isinf(belief.freedom) else stats.t.sf(z, belief.freedom))
@@ -252,7 +293,7 @@ def _posterior(before: Belief, seen: Sequence[Statistic]) -> Belief:
         spread = float(left @ left + np.trace(h @ covariance @ h.T))
         variance = (KNOWN * before.variance + spread) / (KNOWN + len(r))
     covariance = covariance + REMAINS**2 * before.covariance
-    return Belief(mean, covariance, variance, KNOWN + len(r), len(r))
+    return Belief(mean, covariance, variance, KNOWN + len(r), len(r), seen_of([s.drivers for s in seen]))
 
 
 def allowed_chance(false_alarms_per_year: float, tests: int) -> float:

@@ -40,11 +40,13 @@ class Role(Quantity):
     sd : standard deviation of what its reading may be off for good [unit]
     required : without it the equipment is not watched
     names : classes of Brick and tags of Project Haystack that mean the same
+    driver : it comes from outside, and what was learned holds in the range that was seen of it
     """
 
     sd: float = 0.0
     required: bool = False
     names: tuple[str, ...] = ()
+    driver: bool = False
 
 
 @dataclass(frozen=True)
@@ -254,6 +256,11 @@ class EquipmentModel:
     def by_symbol(self) -> Mapping[str, Role]:
         """Roles by symbol."""
         return {r.symbol: r for r in self.roles}
+
+    @cached_property
+    def drivers(self) -> tuple[str, ...]:
+        """Roles that come from outside, such as the weather."""
+        return tuple(r.symbol for r in self.roles if r.driver)
 
     @cached_property
     def required(self) -> tuple[Role, ...]:

@@ -83,3 +83,16 @@ def test_a_day_without_readings_is_not_judged() -> None:
     full = air_day(Plant(), 12.0)
     empty = Day(full.time, {r: np.full(len(full.time), np.nan) for r in full.values}, full.step)
     assert not verdict(empty).judged
+
+
+def test_what_was_learned_in_one_season_is_not_held_against_another() -> None:
+    cold = enumerate((-4.0, -2.0, 0.0, 1.0, 2.0, 3.0))
+    winter = [examine(AIR_HANDLER, air_day(Plant(), outside, seed)) for seed, outside in cold]
+    knowledge = teach(AIR_HANDLER, winter)
+    assert any(b.days == 6 for b in knowledge.rows.tests.values())
+    for outside in (12.0, 20.0, 28.0):
+        found = verdict(air_day(Plant(), outside, 40), knowledge)
+        assert not found.rings
+        warm = [t for t in found.tests if t.statistic.drivers["T_out"] > 10.0]
+        assert warm
+        assert {t.learned_days for t in warm} == {0}

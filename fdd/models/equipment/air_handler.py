@@ -89,6 +89,7 @@ ROLES = (
         0.7,
         False,
         ("Outside_Air_Temperature_Sensor", "outside air temp sensor"),
+        driver=True,
     ),
     Role(
         "damper",

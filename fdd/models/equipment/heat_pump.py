@@ -45,6 +45,7 @@ ROLES = (
         0.7,
         False,
         ("Outside_Air_Temperature_Sensor", "Entering_Water_Temperature_Sensor", "source entering temp sensor"),
+        driver=True,
     ),
     Role(
         "T_source_out",

@@ -55,6 +55,7 @@ ROLES = (
         0.8,
         False,
         ("Entering_Air_Temperature_Sensor", "entering air temp sensor"),
+        driver=True,
     ),
     Role(
         "T_room_set_cool",

@@ -37,6 +37,7 @@ COOLING_TOWER = EquipmentModel(
             1.0,
             False,
             ("Outside_Air_Wet_Bulb_Temperature_Sensor", "outside air wetBulb temp sensor"),
+            driver=True,
         ),
         Role(
             "T_set",
