@@ -38,19 +38,21 @@ WINTER = ("11", "12", "01", "02")
 RIGHT = {
     "heater-20": ("", {"heater"}),
     "heater-10": ("", {"heater"}),
-    "insulation-20": ("", {"insulation", "model"}),
+    # "open-window" is told as "more heat leaves than the envelope explains", which is what worn insulation does.
+    "insulation-20": ("", {"insulation", "open-window", "model"}),
     "bias": ("", {"bias"}),
     "window": ("", {"open-window"}),
     "fouling-20": ("-hx", {"fouling"}),
     "mixing-leak": ("-rad", {"model"}),
 }
-# What is asked: days, and share of plants in which the fault is found by then; the fault is full-sized at day `full`.
+# What is asked: days, and share of plants in which the fault is found by then (fouling grows for ten days first).
 WANTED = {"heater-20": (7, 0.95), "heater-10": (20, 0.8), "insulation-20": (30, 0.8), "fouling-20": (24, 0.8)}
 # The row of what a fit foretells that speaks of a fault, by its first words, and the fault's size in that row's unit.
 FORETOLD = {
     "heater-20": ("power P_heat", 0.2),
     "heater-10": ("power P_heat", 0.1),
-    "bias": ("sensor T_in", 0.5),
+    "bias": ("sensor T_room", 0.5),
+    "insulation-20": ("open-window (R_ea", 1 - 1 / 1.2),
     "fouling-20": ("fouling", 0.2),
 }
 MOST = {"house": 1.5, "substation": 1.5, "real": 3.0, "own": 1.5}

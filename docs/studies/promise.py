@@ -23,10 +23,10 @@ from rich.console import Console
 
 from benchmarks.promise import BEGUN, lanes, pooled
 from fdd.residual_monitors.budget import poisson_interval
-from fdd.service.baselines import in_force
-from fdd.service.fitting import fit_site, read_span
-from fdd.service.identify import healthy_steps
-from fdd.service.opened import open_site
+from fdd.service.baselines.fitting import fit_site, read_span
+from fdd.service.baselines.identify import healthy_steps
+from fdd.service.baselines.versions import in_force
+from fdd.service.site.site_context import open_site
 
 HERE = Path(__file__).resolve().parent
 IMAGES = HERE.parent / "images"
