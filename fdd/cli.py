@@ -245,12 +245,19 @@ def study(
     out_file: Annotated[Path, typer.Option("--out", help="Where the report goes.")] = Path("report.html"),
     pdf: Annotated[Path | None, typer.Option(help="Where a PDF goes.")] = None,
     starts: Annotated[int, typer.Option(help="Searches for the best fit, from scattered starts.", min=1)] = 3,
+    anyway: Annotated[bool, typer.Option("--anyway", help="Go on where most of the data is lost.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Check, fit, replay and report in one go; alarms, explain, ack, clear and report work on it afterwards."""
-    from fdd.service.verbs.study import study_site
+    from fdd.service.verbs.study import MostlyLostError, study_site
 
-    found = study_site(site_file, data, until=until, out=out_file, pdf=pdf, starts=starts, console=screen)
+    try:
+        found = study_site(
+            site_file, data, until=until, out=out_file, pdf=pdf, starts=starts, anyway=anyway, console=screen
+        )
+    except MostlyLostError as error:
+        screen.print(f"[bold red]error:[/bold red] {error}", highlight=False, soft_wrap=True)
+        raise typer.Exit(3) from None
     if as_json:
         _print_json(found.document())
     else:

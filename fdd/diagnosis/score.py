@@ -2,7 +2,8 @@
 
 Two ways of counting stand side by side, because they answer different questions:
 
-*days*   Every day of every component is one sample: faulty or not, alarmed or not. Gives the framework's rates.
+*days*   Every day of every component is one sample: faulty or not, alarmed or not. Gives the framework's rates. Days
+         begin at midnight of the site's zone; a day in which a component gave no data is no sample.
 *cases*  Every labelled stretch of a fault is one sample: found or missed, rightly named or not, after how long.
 
 An alarm counts from when it is raised until its evidence is gone (returned to normal) or it is cleared; while it is
@@ -18,7 +19,7 @@ Assoc. 22, 209-212. Garwood, F. (1936), Biometrika 28, 437-442.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import NormalDist, median
 from typing import Literal
@@ -208,6 +209,7 @@ def score(
     components: Sequence[str],
     days: Sequence[tuple[int, int]],
     settle: int = 0,
+    seen: Callable[[str, int, int], bool] | None = None,
 ) -> Score:
     """Compare alarms with labels.
 
@@ -218,6 +220,7 @@ def score(
     components : that were watched
     days : [start, end) of each day watched, in order [ns]
     settle : after a fault's end, in which its alarm may still stand and nothing is counted [ns]
+    seen : whether a component gave data in [start, end); days in which it gave none are no sample. None: it always did
 
     Raises
     ------
@@ -229,7 +232,7 @@ def score(
     per = {c: [a for a in alarms if a.component == c] for c in (*components, *(x.component for x in labels))}
     cases = tuple(_case(label, per[label.component], settle) for label in labels)
     false = tuple(a for a in alarms if not any(_explains(x, a, settle) for x in labels))
-    counted = _days(labels, per, components, days, settle)
+    counted = _days(labels, per, components, days, settle, seen)
     healthy = counted.false_positive + counted.true_negative
     length = sum(end - start for start, end in days) / len(days) / NANOSECONDS if days else 0.0
     # Alarms are promised for the plant: its years, in which a share of components may be faulty.
@@ -279,12 +282,15 @@ def _days(
     components: Sequence[str],
     days: Sequence[tuple[int, int]],
     settle: int,
+    seen: Callable[[str, int, int], bool] | None,
 ) -> Days:
     count = dict.fromkeys(("true_positive", "false_negative", "false_positive", "true_negative"), 0)
     names: dict[Diagnosis, int] = {"correct": 0, "wrong": 0, "none": 0}
     for component in components:
         own = [x for x in labels if x.component == component]
         for start, end in days:
+            if seen is not None and not seen(component, start, end):
+                continue
             there = [x for x in own if x.start < end and x.end > start]
             if not there and any(x.end <= start < x.end + settle for x in own):
                 continue

@@ -117,3 +117,12 @@ def test_suppressed_alarm_does_not_stand() -> None:
 def test_label_that_ends_before_it_starts_is_refused() -> None:
     with pytest.raises(ValueError, match="not after its start"):
         score([Label("hx", "fouling", at(2), at(2))], [], ["hx"], DAYS)
+
+
+def test_a_day_without_data_is_no_sample() -> None:
+    """An alarm that stands through a week of silence is one false day, not eight."""
+    alarm = stood("hx", 2.5, 9.5, (2.5, "fouling"))
+    every = score([], [alarm], ["hx"], DAYS).days
+    there = score([], [alarm], ["hx"], DAYS, seen=lambda component, start, end: start < at(3)).days
+    assert every.false_positive == 8
+    assert (there.false_positive, there.true_negative) == (1, 2)

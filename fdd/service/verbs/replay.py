@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TextIO
 
+import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from fdd.records import Alarm, AlarmState, JsonObject, Rows
+from fdd.records import NANOSECONDS, Alarm, AlarmState, JsonObject, Rows
 from fdd.residual_monitors.chart import Phase
 from fdd.service.alarms.book import alarm_to_document, iso
 from fdd.service.alarms.handles import handles
@@ -23,6 +24,8 @@ from fdd.service.daemon.ready import ready_engine
 from fdd.service.engine.engine import Engine, Outputs
 from fdd.service.site.feed import Feed
 from fdd.service.site.site_context import SiteContext, open_site
+
+HOUR = 3600 * NANOSECONDS
 
 
 @dataclass
@@ -40,6 +43,8 @@ class ReplayResult:
     seconds: float = 0.0
     counts: dict[str, int] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    hours: dict[str, set[int]] = field(default_factory=dict)
+    """Hours since 1970 in which each column of the plan held a value."""
 
     def document(self) -> JsonObject:
         """For machines."""
@@ -180,12 +185,20 @@ def _take(result: ReplayResult, outputs: Outputs, lines: TextIO | None, kept: Ke
         result.alarms[alarm.key] = alarm
         result.changes.append(alarm)
     for rows in outputs.rows:
+        if rows.measurement == "samples":
+            _remember(result.hours, rows)
         first, last = int(rows.time.min()), int(rows.time.max())
         result.first = first if result.first is None else min(first, result.first)
         result.last = last if result.last is None else max(last, result.last)
     if lines is not None:
         for line in verdict_lines(outputs):
             lines.write(line + "\n")
+
+
+def _remember(hours: dict[str, set[int]], rows: Rows) -> None:
+    hour = rows.time // HOUR
+    for series in np.unique(rows.series):
+        hours.setdefault(rows.names[series], set()).update(np.unique(hour[rows.series == series]).tolist())
 
 
 def verdict_lines(outputs: Outputs) -> Iterator[str]:

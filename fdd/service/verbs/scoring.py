@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from zoneinfo import ZoneInfo
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from rich.console import Console
@@ -20,7 +21,7 @@ from fdd.residual_monitors.design import duration
 from fdd.service.alarms.book import PLANT, iso, kind_of
 from fdd.service.site.errors import UsageError
 from fdd.service.site.site_context import SiteContext
-from fdd.service.verbs.replay import replay_site
+from fdd.service.verbs.replay import HOUR, ReplayResult, replay_site
 
 COLUMNS = ("component", "fault", "start", "end", "severity")
 OUTCOMES = {"found": "#0072b2", "missed": "#b3400a", "masked": "#9aa4ac"}
@@ -127,8 +128,26 @@ def score_site(site_file: Path, data: Path, labels_file: Path, *, settle: float 
     days = list(_days(result.context, result.first, result.last))
     unwatched = sorted({x.component for x in labels} - set(result.watched))
     notes = [f"{name} has labels and no baseline: its cases count as missed" for name in unwatched]
-    found = score(labels, alarms, result.watched, days, round(settle * NANOSECONDS))
+    found = score(labels, alarms, result.watched, days, round(settle * NANOSECONDS), _seen(result))
     return Scored(result.context, found, alarms, result.watched, result.first, result.last, tuple(notes))
+
+
+def _seen(result: ReplayResult) -> Callable[[str, int, int], bool]:
+    """Whether any output of a component, or any input where it has none, held a value in [start, end)."""
+    plan = result.context.plan
+    columns: dict[str, tuple[str, ...]] = {c.name: c.outputs for c in plan.components}
+    columns |= {c.name: tuple(c.inputs.values()) for c in plan.chillers}
+    columns = {e.name: tuple(e.inputs.values()) for e in plan.equipment} | columns
+    hours = {
+        name: np.array(sorted(set().union(*(result.hours.get(c, set()) for c in own))), dtype=np.int64)
+        for name, own in columns.items()
+    }
+
+    def seen(component: str, start: int, end: int) -> bool:
+        own = hours[component]
+        return bool(np.searchsorted(own, start // HOUR) < np.searchsorted(own, -(-end // HOUR)))
+
+    return seen
 
 
 def read_labels(path: Path, context: SiteContext) -> list[Label]:

@@ -18,7 +18,9 @@ from fdd.service.baselines.versions import in_force
 from fdd.service.daemon.lock import StateLock
 from fdd.service.site.errors import UsageError
 from fdd.service.site.site_context import SiteContext, open_site
+from fdd.service.verbs.check import check_all
 from fdd.service.verbs.operate import stored_alarms
+from fdd.service.verbs.quality import RecordQuality
 from fdd.service.verbs.replay import ReplayResult, replay_site
 from fdd.service.verbs.reporting import report_site
 
@@ -45,12 +47,14 @@ class Study:
     verdicts: list[Verdict] = field(default_factory=list)
     replay: ReplayResult | None = None
     reports: list[Path] = field(default_factory=list)
+    faults: tuple[str, ...] = ()
 
     def document(self) -> JsonObject:
         """For machines."""
         return {
             "site": self.context.site.name,
             "learned_until": iso(self.split),
+            "data": list(self.faults),
             "verdicts": [
                 {"equipment": v.equipment, "outcome": v.outcome, "words": v.words, "alarms": list(v.handles)}
                 for v in self.verdicts
@@ -61,6 +65,8 @@ class Study:
 
     def print(self, console: Console) -> None:
         """For people."""
+        for words in self.faults:
+            console.print(f"data: {words}", highlight=False, markup=False, soft_wrap=True)
         for v in self.verdicts:
             console.print(f"{v.equipment}: {v.outcome}", highlight=False, markup=False, soft_wrap=True)
             for line in v.words.splitlines():
@@ -81,6 +87,7 @@ def study_site(
     out: Path,
     pdf: Path | None = None,
     starts: int = 3,
+    anyway: bool = False,
     console: Console,
 ) -> Study:
     """Learn from the first part of a history, watch the rest, and keep and report what came of it.
@@ -93,8 +100,15 @@ def study_site(
     Raises
     ------
     UsageError : the daemon of the site runs, nothing can be read, or nothing is left after ``until``
+    MostlyLostError : most of the data cannot be used, and not ``anyway``
     """
     context = open_site(site_file, data)
+    quality = None if anyway else _quality(site_file, data)
+    if quality is not None and quality.mostly_lost:
+        raise MostlyLostError(
+            f"{quality.used:.0%} of the samples and {quality.span_used:.0%} of the span can be used: "
+            f"{'; '.join(f.words for f in quality.faults[:3])}. See fdd check; to go on all the same: --anyway"
+        )
     StateLock(context.checkpoint_path).close()  # before hours are spent: a daemon may write to this store
     chosen = watched_of(context)
     with Progress(console=console, transient=True) as progress:
@@ -107,7 +121,7 @@ def study_site(
 
         learned = history.between(None, split)
         fitted, failures = fit_history(context, chosen, learned, starts=starts, tell=tell)
-    study = Study(context, split)
+    study = Study(context, split, faults=() if quality is None else tuple(f.words for f in quality.faults))
     refused = [f for f in fitted if isinstance(f, Fitted) and f.against]
     reasons = failures | {f.baseline.component: "; ".join(f.against) for f in refused}
     if _can_watch(context):
@@ -118,6 +132,23 @@ def study_site(
         study.reports = report_site(site_file, out, pdf=pdf, since=iso(split), until=iso(end))
     study.verdicts = _verdicts(context, study.replay, reasons)
     return study
+
+
+class MostlyLostError(UsageError):
+    """Less than half of a record can be used; the text says what is lost."""
+
+
+def _quality(site_file: Path, data: Path | None) -> RecordQuality | None:
+    """What is wrong with the data; None for live sources, whose data come as they come.
+
+    Raises
+    ------
+    UsageError : not a frame holds a value
+    """
+    checked = check_all(site_file, data)
+    if checked.errors:
+        raise UsageError("\n  ".join(str(e) for e in checked.errors))
+    return checked.quality
 
 
 def _split(context: SiteContext, history: History, until: str | None) -> int:
