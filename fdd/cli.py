@@ -656,6 +656,10 @@ def main() -> None:
     import structlog
 
     structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
+    if "FDD_PARENT" in os.environ:
+        from fdd.service.daemon.parent import end_with_parent
+
+        end_with_parent()
     try:
         app(standalone_mode=True)
     except Exception as error:

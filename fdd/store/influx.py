@@ -14,6 +14,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
+from urllib.parse import urlsplit
 
 import numpy as np
 import pandas as pd
@@ -75,6 +76,12 @@ def flux_time(nanoseconds: int) -> str:
     return f"time(v: {min(max(nanoseconds, _FIRST), _LAST)})"
 
 
+def _userinfo(url: str) -> list[str]:
+    """User and password in an address, longest first."""
+    found = urlsplit(url)
+    return sorted({s for s in (found.username, found.password) if s}, key=len, reverse=True)
+
+
 class InfluxStore:
     """A :class:`fdd.store.store.Store` in a server; safe to share between threads.
 
@@ -97,9 +104,11 @@ class InfluxStore:
                 f"store: ca_file {config.ca_file} is not there; give the certificate that signed the server's"
             )
         trusted = None if config.ca_file is None else str(config.ca_file)
-        self._client = InfluxDBClient(
-            config.url, token=read_token(config), org=config.org, timeout=TIMEOUT_MS, ssl_ca_cert=trusted
-        )
+        token = read_token(config)
+        # A server, or what stands before it, may send back what it was sent; an address may hold a password.
+        self._secrets = [(token, "[token]"), *((s, "[password]") for s in _userinfo(config.url))]
+        self._where = self._redacted(f"InfluxDB at {config.url}")
+        self._client = InfluxDBClient(config.url, token=token, org=config.org, timeout=TIMEOUT_MS, ssl_ca_cert=trusted)
         self._writer = self._client.write_api(write_options=SYNCHRONOUS)
         self._query = self._client.query_api()
         self._held = threading.local()
@@ -107,26 +116,31 @@ class InfluxStore:
 
     # ---- talking to the server
 
+    def _redacted(self, text: str) -> str:
+        for secret, word in self._secrets:
+            text = text.replace(secret, word)
+        return text
+
     @contextmanager
     def _translated(self, doing: str) -> Iterator[None]:
         """The client's exceptions in the store's words."""
-        where = f"InfluxDB at {self.config.url}"
+        where = self._where
         try:
             yield
         except ApiException as problem:
-            status, said = problem.status or 0, str(problem.message or problem.reason or problem)[:300]
+            status, said = problem.status or 0, self._redacted(str(problem.message or problem.reason))[:300]
             if status == 0:  # no answer at all: a certificate that is not trusted, or has run out
-                raise StoreUnavailableError(f"{where} does not answer: {problem.reason}; check ca_file") from problem
+                raise StoreUnavailableError(f"{where} does not answer: {said}; check ca_file") from None
             if status in (408, 429) or status >= 500:
-                raise StoreUnavailableError(f"{where} cannot just now ({status}): {said}") from problem
+                raise StoreUnavailableError(f"{where} cannot just now ({status}): {said}") from None
             remedy = {
                 401: "; the token is not valid there",
                 403: "; the token lacks the right",
                 404: f"; check org {self.config.org!r} and bucket {self.config.bucket!r}, or run the set-up",
             }.get(status, "")
-            raise StoreError(f"{where} refused {doing} ({status}): {said}{remedy}") from problem
+            raise StoreError(f"{where} refused {doing} ({status}): {said}{remedy}") from None
         except (HTTPError, OSError) as problem:
-            raise StoreUnavailableError(f"{where} does not answer: {problem}") from problem
+            raise StoreUnavailableError(f"{where} does not answer: {self._redacted(str(problem))}") from None
 
     def _send(self, bucket: str, lines: Iterator[str]) -> None:
         while batch := list(islice(lines, BATCH_LINES)):
@@ -139,7 +153,7 @@ class InfluxStore:
             response = self._query.query_raw(flux, dialect={"header": True, "annotations": []})
             answer: str = response.read().decode()
         if answer.startswith((",error", "error,")):
-            raise StoreError(f"InfluxDB at {self.config.url}: {answer.splitlines()[1][:300]}")
+            raise StoreError(f"{self._where}: {self._redacted(answer.splitlines()[1])[:300]}")
         return answer
 
     # ---- transactions

@@ -96,6 +96,7 @@ class _Server(ThreadingHTTPServer):
     """Answers a bounded number of requests at a time, each within a bounded time."""
 
     daemon_threads = True
+    request_queue_size = 128
 
     def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
         self._begun: dict[socket.socket, float] = {}

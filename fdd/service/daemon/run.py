@@ -169,7 +169,9 @@ def _metrics(context: SiteContext) -> MetricsServer | None:
 
 def _configure_log() -> None:
     """Lines for people on a terminal, JSON lines for a journal; always on stderr."""
-    renderer = structlog.dev.ConsoleRenderer() if sys.stderr.isatty() else structlog.processors.JSONRenderer()
+    # Without the values of variables: a password may be among them.
+    console = structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback)
+    renderer = console if sys.stderr.isatty() else structlog.processors.JSONRenderer()
     structlog.configure(
         processors=[
             structlog.processors.add_log_level,

@@ -18,6 +18,7 @@ import structlog
 from fdd.config import Site
 from fdd.records import NANOSECONDS, JsonObject
 from fdd.service.alarms.book import iso
+from fdd.service.daemon.parent import PARENT
 
 log = structlog.get_logger()
 
@@ -26,6 +27,8 @@ DAY = 86400.0
 REPORT_AT = (6, 0)
 # What a job may take to stop when the service stops.
 STOP_SECONDS = 10.0
+# A job that was killed (no memory, a restart) is tried again so often, so long after [ns].
+TRIES, AGAIN = 3, 3600 * NANOSECONDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,11 +128,12 @@ class JobRunner:
         self._jobs, self._folder = list(jobs), folder
         self._next: dict[str, int] = {}
         self._running: dict[str, _Running] = {}
+        self._tried: dict[str, int] = {}
 
     @property
     def state(self) -> JsonObject:
-        """When each job is due next, for the checkpoint."""
-        return dict(self._next)
+        """When each job is due next, for the checkpoint: one that is running is due again if this process dies."""
+        return {**self._next, **{name: r.due for name, r in self._running.items()}}
 
     def restore(self, state: JsonObject) -> None:
         """Continue with what was due when :attr:`state` was asked for."""
@@ -137,7 +141,7 @@ class JobRunner:
 
     def tick(self, time: int) -> list[JsonObject]:
         """Event time has come to ``time``: start what is due; returns documents of the jobs that have ended."""
-        ended = self._collect()
+        ended = self._collect(time)
         for job in self._jobs:
             name = job.schedule.name
             # The first sample ever is no reason for a job: there is no history yet.
@@ -164,21 +168,32 @@ class JobRunner:
             if a in ("--out", "--pdf"):
                 Path(b).parent.mkdir(parents=True, exist_ok=True)
         with path.open("wb") as out:
-            process = subprocess.Popen([sys.executable, "-m", "fdd", *arguments], stdout=out, stderr=out)
+            environment = {**os.environ, PARENT: str(os.getpid())}
+            command = [sys.executable, "-m", "fdd", *arguments]
+            process = subprocess.Popen(command, stdout=out, stderr=out, env=environment)
         os.setpriority(os.PRIO_PROCESS, process.pid, 10)  # the samples come first
         log.info("job started", job=job.schedule.name, due=iso(due), pid=process.pid)
         self._running[job.schedule.name] = _Running(job, due, process, path)
 
-    def _collect(self) -> list[JsonObject]:
-        return [self._ended(name) for name, r in list(self._running.items()) if r.process.poll() is not None]
+    def _collect(self, time: int) -> list[JsonObject]:
+        return [self._ended(name, time) for name, r in list(self._running.items()) if r.process.poll() is not None]
 
-    def _ended(self, name: str) -> JsonObject:
+    def _ended(self, name: str, time: int | None) -> JsonObject:
         r = self._running.pop(name)
         last = r.log.read_text(errors="replace").strip().splitlines()[-1:]
-        return _document(name, r.due, int(r.process.returncode), last[0] if last else "")
+        code = int(r.process.returncode)
+        if code >= 0:
+            self._tried.pop(name, None)
+        elif time is None:
+            self._next[name] = r.due  # stopped with the service: done as soon as it is back
+        elif self._tried.setdefault(name, 0) + 1 < TRIES:
+            self._tried[name] += 1
+            self._next[name] = min(self._next[name], time + AGAIN)
+            log.warning("job was killed, trying again", job=name, signal=-code, at=iso(time + AGAIN))
+        return _document(name, r.due, code, last[0] if last else "")
 
     def stop(self) -> list[JsonObject]:
-        """Stop what is running; what it had not finished has changed nothing."""
+        """Stop what is running; what it had not finished has changed nothing, and is done when the service is back."""
         for r in self._running.values():
             r.process.terminate()
         for r in self._running.values():
@@ -187,7 +202,7 @@ class JobRunner:
             except subprocess.TimeoutExpired:
                 r.process.kill()
                 r.process.wait()
-        return self._collect()
+        return [self._ended(name, None) for name in list(self._running)]
 
 
 def _document(name: str, due: int, code: int, said: str) -> JsonObject:

@@ -121,6 +121,17 @@ def print_status(status: JsonObject, console: Console) -> None:
         "rejected or odd": ", ".join(f"{k} {n}" for k, n in status["counts"].items() if n and k != "accepted")
         or "none",
     }
+    if status.get("problems"):
+        rows = {"watching": "NO: " + "; ".join(f"{p['what']}: {p['detail']}" for p in status["problems"]), **rows}
+    if status.get("buried"):
+        last = status["dead"][-1]["reason"] if status["dead"] else "see the log"
+        rows["set aside"] = f"{status['buried']} journal entries could not be replayed; the last: {last}"
+    if status.get("mishaps"):
+        rows["mishaps"] = "; ".join(status["mishaps"])
+    if status.get("failures"):
+        rows["failed"] = ", ".join(f"{k} {n} times" for k, n in status["failures"].items())
+    if status.get("trail", {}).get("problem"):
+        rows["audit trail"] = status["trail"]["problem"]
     if status["spool_problem"]:
         rows["store"] = status["spool_problem"]
     for name, value in rows.items():
