@@ -13,7 +13,7 @@ for name in influx-admin.password influx-admin.token grafana-admin.password zeno
     fi
 done
 if [ ! -s secrets/zenoh.users ]; then
-    printf 'fdd:%s\ngateway:%s\n' "$(cat secrets/zenoh.password)" "$(random)" >secrets/zenoh.users
+    printf 'fdd:%s\ngateway:%s\noperator:%s\n' "$(cat secrets/zenoh.password)" "$(random)" "$(random)" >secrets/zenoh.users
     echo "made secrets/zenoh.users; the gateway of the BMS logs in as 'gateway' with the password in it"
 fi
 chmod 0444 secrets/*

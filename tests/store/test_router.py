@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zenoh
@@ -12,6 +13,7 @@ import zenoh
 from fdd.records import Batch, Sample
 from ingest.source import Context
 from ingest.zenoh import ZenohOptions, ZenohPublisher, ZenohSource
+from ingest.zenoh.session import ask
 from tests.ports import free_port
 
 DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
@@ -20,7 +22,7 @@ DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
 @pytest.fixture
 def endpoint(tmp_path: Path) -> Iterator[str]:
     users = tmp_path / "users"
-    users.write_text("fdd:one\ngateway:two\n")
+    users.write_text("fdd:one\ngateway:two\noperator:three\n")
     text = (DEPLOY / "zenoh" / "router.json5").read_text()
     address = f"tcp/127.0.0.1:{free_port()}"
     text = text.replace("tcp/0.0.0.0:7447", address).replace("/run/secrets/zenoh.users", str(users))
@@ -93,3 +95,28 @@ def test_the_service_s_own_source_gets_what_a_gateway_sent_before_it_came(endpoi
 def test_who_has_no_password_gets_no_session(endpoint: str, user: str, password: str) -> None:
     with pytest.raises(zenoh.ZError):
         client(endpoint, user, password).close()
+
+
+def test_a_gateway_neither_reads_alarms_nor_commands_and_an_operator_does_both_under_one_name(endpoint: str) -> None:
+    key = "fdd/north/alarms"
+    with (
+        client(endpoint, "fdd", "one") as daemon,
+        client(endpoint, "gateway", "two") as gateway,
+        client(endpoint, "operator", "three") as operator,
+    ):
+
+        def answer(query: Any) -> None:
+            with query:
+                query.reply(str(query.key_expr), b"told")
+
+        declared = [daemon.declare_queryable(k, answer) for k in (key, f"{key}/as/*")]
+        end = time.monotonic() + 10.0
+        while not ask(operator, key, b"", 1.0) and time.monotonic() < end:
+            time.sleep(0.1)
+        assert ask(operator, key, b"", 2.0) == [b"told"]
+        assert ask(operator, f"{key}/as/operator", b"{}", 2.0) == [b"told"]
+        assert ask(operator, f"{key}/as/anna", b"{}", 2.0) == []
+        for selector in (key, f"{key}/as/operator", f"{key}/as/*", "fdd/**"):
+            assert ask(gateway, selector, b"{}", 1.0) == [], selector
+        for d in declared:
+            d.undeclare()
