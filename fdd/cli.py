@@ -520,6 +520,21 @@ def reidentify(
         found.print(out)
 
 
+@app.command(epilog=example("fdd learn plant.yaml", "fdd learn plant.yaml --json"))
+def learn(site_file: SiteFile, until: Until = None, as_json: AsJson = False) -> None:
+    """Fit first baselines to what the daemon has recorded, where there is enough; it does so itself once a day."""
+    from fdd.service.baselines.learn import learn_site
+
+    found = learn_site(site_file, until=until)
+    if as_json:
+        _print_json({"learning": [f.document() for f in found]})
+        return
+    for each in found:
+        out.print(each.words, highlight=False, markup=False, soft_wrap=True)
+    if not found:
+        out.print("Everything has a baseline.")
+
+
 @app.command(epilog=example("fdd baselines plant.yaml", "fdd baselines plant.yaml --rollback hx 1"))
 def baselines(
     site_file: SiteFile,

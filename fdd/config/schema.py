@@ -235,6 +235,10 @@ class Site(Strict):
         default=28 * 86400.0,
         description="so much of present data teaches what a baseline leaves open",
     )
+    first_fit: Duration = Field(
+        default=14 * 86400.0,
+        description="so much usable data equipment without a baseline records before the daemon fits its first",
+    )
     max_jump: Duration = Field(
         default=7 * 86400.0, description="a sample further ahead is a clock error until confirmed"
     )

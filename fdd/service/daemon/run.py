@@ -14,6 +14,7 @@ import structlog
 from fdd.config import Site
 from fdd.records import JsonObject
 from fdd.service.alarms.authority import Authority
+from fdd.service.baselines.learn import without_baseline
 from fdd.service.daemon import systemd
 from fdd.service.daemon.checkpoint import Checkpoint, files_of
 from fdd.service.daemon.commands import Desk
@@ -21,7 +22,7 @@ from fdd.service.daemon.daemon import Daemon
 from fdd.service.daemon.lock import StateLock
 from fdd.service.daemon.metrics import MetricsServer
 from fdd.service.daemon.ready import ready_engine
-from fdd.service.daemon.schedule import JobRunner, jobs_of
+from fdd.service.daemon.schedule import JobRunner, jobs_of, learning_job
 from fdd.service.daemon.trail import Trail
 from fdd.service.site.errors import UsageError
 from fdd.service.site.feed import Feed
@@ -38,7 +39,7 @@ def run_site(site_file: Path, *, until_end: bool, fresh: bool) -> Daemon:
 
     Raises
     ------
-    UsageError : the site names no sources, or no component has a baseline
+    UsageError : the site names no sources
     """
     _configure_log()
     os.umask(os.umask(0o077) | 0o027)  # what the plant does is nobody else's business
@@ -54,7 +55,7 @@ def _run(site_file: Path, context: SiteContext, *, until_end: bool, fresh: bool)
     if fresh:
         for file in files_of(context.checkpoint_path):
             file.unlink(missing_ok=True)
-    engine = ready_engine(context)
+    engine = ready_engine(context, learning=True)
     checkpoint, store = Checkpoint(context.checkpoint_path), context.store()
     metrics, authority = _metrics(context), Authority.of(context.site)
     desk = Desk(context.site, authority) if context.site.operator else None
@@ -134,7 +135,7 @@ class _Service:
             for key in ("name", "step", "store"):
                 if getattr(context.site, key) != getattr(before.site, key):
                     raise UsageError(f"{key!r} has changed; that needs a restart of the service")
-            daemon.adopt(ready_engine(context), _jobs(context, self._site_file))
+            daemon.adopt(ready_engine(context, learning=True), _jobs(context, self._site_file))
         except Exception as error:  # whatever is wrong with the new file, the plant is still watched by the old one
             log.error("reload refused, going on as before", reason=str(error))
             return False
@@ -154,7 +155,13 @@ def _with_sources(site_file: Path) -> SiteContext:
 
 
 def _jobs(context: SiteContext, site_file: Path) -> JobRunner:
-    return JobRunner(jobs_of(context.site, site_file), context.state_folder)
+    store = context.store()
+    waiting = without_baseline(context, store)
+    store.close()
+    if waiting:
+        log.info("recording until there is enough to fit", components=[w.name for w in waiting])
+    learning = [learning_job(context.site, site_file)] if waiting else []
+    return JobRunner([*jobs_of(context.site, site_file), *learning], context.state_folder)
 
 
 def _metrics(context: SiteContext) -> MetricsServer | None:

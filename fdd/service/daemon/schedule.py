@@ -25,6 +25,7 @@ log = structlog.get_logger()
 DAY = 86400.0
 # Reports are written early in the first morning after their period.
 REPORT_AT = (6, 0)
+LEARN_AT = (3, 30)
 # What a job may take to stop when the service stops.
 STOP_SECONDS = 10.0
 # A job that was killed (no memory, a restart) is tried again so often, so long after [ns].
@@ -106,6 +107,13 @@ def jobs_of(site: Site, site_file: Path) -> list[Job]:
             arguments += ["--pdf", f"{name}.pdf"]
         found.append(Job(Schedule("report", site.reports.every, REPORT_AT, site.zone), tuple(arguments)))
     return found
+
+
+def learning_job(site: Site, site_file: Path) -> Job:
+    """The daily job of a site some of whose equipment has no baseline yet."""
+    return Job(
+        Schedule("learn", 1, LEARN_AT, site.zone), ("learn", str(site_file), "--until", "{until}", "--json"), DAY
+    )
 
 
 @dataclass(slots=True)

@@ -69,6 +69,8 @@ class Engine:
         self._outputs = tuple(
             f"{c.name}/{q.symbol}" for g in self._groups for c in g.components for q in g.model.outputs
         )
+        # A site of chillers alone has no such charts, and is watched all the time; one that only records is not.
+        self._idle = float(len(self.watched) > 0)
         self._time: int | None = None
         # Frames in which charts could judge, each counted by their share; a score chart that learns may ring, too.
         self._judged = 0.0
@@ -239,7 +241,7 @@ class Engine:
             chart_step = self._charts.update(group_steps)
             # A site of chillers alone has no such charts, and is watched all the time.
             phase = chart_step.verdicts.phase
-            self._judged += float(np.mean(phase > Phase.NO_DATA)) if phase.size else 1.0
+            self._judged += float(np.mean(phase > Phase.NO_DATA)) if phase.size else self._idle
             closed = self._chillers.step(time, row)
             judged = self._rows.step(time, row)
             alarms += self._findings(judged)
@@ -418,6 +420,9 @@ class Engine:
         fitted = [*(name for g in state["groups"] for name in g["components"]), *state["chillers"]["chillers"]]
         saved = [*fitted, *(name for name in state["rows"]["equipment"] if name not in fitted)]
         here = [c.name for c in self.watched]
+        if saved != here and set(saved) < set(here):
+            self._continue_with_more(state)
+            return
         if saved != here:
             raise EngineError(
                 f"engine state is of the components {', '.join(saved)}; the site has {', '.join(here)}; "
@@ -434,6 +439,13 @@ class Engine:
         self._recent.restore_state(state["recent"])
         self._chillers.restore_state(state["chillers"])
         self._rows.restore_state(state["rows"])
+        self.alarms.restore_state(state["alarms"])
+
+    def _continue_with_more(self, state: JsonObject) -> None:
+        """Equipment has got its first baseline: time, open frames and alarms go on, all filters and charts start."""
+        self._time, self._judged = state["time"], state["judged"]
+        self._undiagnosed = dict(state["undiagnosed"])
+        self._framer.restore_state(state["framer"])
         self.alarms.restore_state(state["alarms"])
 
 

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from fdd.records import AlarmState, JsonObject
 from fdd.service.alarms.handles import handles
+from fdd.service.baselines.learn import Learned
 from fdd.service.site.site_context import SiteContext, open_site
 from fdd.store.store import StoreError
 
@@ -33,6 +34,7 @@ def read_status(site_file: Path) -> JsonObject:
         return {**never, "problem": str(problem)}
     try:
         run, runs, alarms = store.get("run", "daemon"), store.list("run"), store.list("alarm")
+        learning = [d for key, d in store.items("state").items() if key.startswith("learning/")]
     finally:
         store.close()
     if run is None or "wall" not in run:
@@ -46,6 +48,7 @@ def read_status(site_file: Path) -> JsonObject:
         "time_local": None if run["time"] is None else context.local(run["time"]),
         "jobs_next": {k: context.local(v) for k, v in run["jobs_next"].items()},
         "alarms": _alarms(context, alarms),
+        "learning": [d for d in learning if d["component"] not in run["baselines"]],
         "jobs": sorted((r for r in runs if "due" in r), key=lambda r: int(r["due"]))[-RECENT_JOBS:],
     }
 
@@ -137,6 +140,12 @@ def print_status(status: JsonObject, console: Console) -> None:
     for name, value in rows.items():
         table.add_row(name, value)
     console.print(table, highlight=False, soft_wrap=True)
+    _print_lists(status, console)
+
+
+def _print_lists(status: JsonObject, console: Console) -> None:
+    for each in status["learning"]:
+        console.print(f"learning {Learned(**each).words}", highlight=False, markup=False, soft_wrap=True)
     for job in status["jobs"]:
         console.print(f"job {job['key']}: {job['state']}", highlight=False, markup=False)
     for alarm in status["alarms"]:
