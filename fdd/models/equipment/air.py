@@ -15,6 +15,8 @@ SHUT, OPEN = 0.02, 0.95
 """A signal below or above these is taken for the end of its travel."""
 SETTLED = 900.0
 """How long a state must have held before it is judged [s]."""
+SEQUENCED = 3600.0
+"""How long a control may take to move from one part of its sequence to the next [s]."""
 STOPPED = 300.0
 """How long a fan must stand before its section is judged [s]."""
 COILS_COLD = 3600.0
@@ -172,6 +174,32 @@ def both_coils(v: Day) -> Residual:
     """Heating and cooling are not commanded together."""
     on = v.held(running(v), SETTLED)
     return only(on, np.minimum(v["heat"], v["cool"]) - 0.05), {}
+
+
+def too_warm_outside(v: Day) -> Residual:
+    """Outdoor air cools without the coil only while it is colder than the set point, less the fan's heat."""
+    least = np.nanmin(np.where(running(v), v["damper"], np.nan), initial=np.inf)
+    free = running(v) & (v["damper"] > least + 0.05) & (v["damper"] < 0.98)
+    alone = v.held(free, SEQUENCED) & shut(v, "cool", SEQUENCED) & shut(v, "heat")
+    rise = fan_factor(v)
+    return only(alone, v["T_out"] + FAN * rise - v["T_supply_set"]), {"T_out": 1.0, "T_supply": 1.0, "fan": rise}
+
+
+def too_cold_outside(v: Day) -> Residual:
+    """With the damper fully open the coil has nothing to do where outdoor air is colder than the set point."""
+    cooled = v.held(running(v) & (v["damper"] >= 0.98) & (v["cool"] > 0.05), SEQUENCED) & shut(v, "heat")
+    rise = fan_factor(v)
+    return only(cooled, v["T_supply_set"] - FAN * rise - v["T_out"]), {"T_out": 1.0, "T_supply": 1.0, "fan": rise}
+
+
+def hunting(v: Day) -> Residual:
+    """Changes between heating, free cooling and cooling in an hour, beyond seven."""
+    on = v.held(running(v), SETTLED)
+    state = (v["heat"] > SHUT) + 2 * (v["cool"] > SHUT) + 4 * (v.get("damper", 0.0) >= 0.98)
+    changed = np.concatenate([[False], np.diff(state) != 0]) & on
+    hour = np.floor(v.time / 3600.0)
+    _, inverse = np.unique(hour, return_inverse=True)
+    return only(on, np.bincount(inverse, weights=changed)[inverse] - 7.0), {}
 
 
 def pressure_short(v: Day) -> Residual:

@@ -189,6 +189,7 @@ DAMPER_STUCK, DAMPER_LEAK = "outdoor air damper stuck", "outdoor air damper leak
 BIAS_MIXED, BIAS_SUPPLY = "mixed air sensor biased", "supply air sensor biased"
 BIAS_RETURN, BIAS_OUT = "return air sensor biased", "outdoor air sensor biased"
 FAN_SHORT, TOGETHER = "supply fan short of pressure", "heating and cooling at the same time"
+CONTROL = "control hunts or is out of sequence"
 FLOW_METER = "air flow meter off at zero"
 
 HEATS, COOLS = (HEAT_LEAK, HEAT_STUCK), (COOL_LEAK, COOL_STUCK)
@@ -313,6 +314,13 @@ FAULTS = (
         0.5,
     ),
     EquipmentFault(
+        CONTROL,
+        "control",
+        "the control hunts, or its sequence is wrong",
+        ("look at gains and dead bands of the supply temperature's loop: steps settle within minutes",),
+        0.5,
+    ),
+    EquipmentFault(
         FLOW_METER,
         "air flow meter",
         "the air flow meter shows a flow while the fan stands",
@@ -428,6 +436,39 @@ ROWS = (
         )
         for section, word in (("T_mixed", "mixed air"), ("T_supply", "supply air"))
         for side, more in ((1, "hotter"), (-1, "colder"))
+    ),
+    Row(
+        "free cooling against outdoor air",
+        ("T_out", "T_supply", "T_supply_set", "damper", "cool", "heat", "fan"),
+        air.too_warm_outside,
+        f"{G36} FC#9",
+        high="outdoor air alone is left to cool though it is warmer than the set point",
+        high_causes=(CONTROL, COOL_LEAK, COOL_STUCK, BIAS_OUT, BIAS_SUPPLY),
+        terms=(FAN_TERM,),
+        inequality=True,
+        sd=0.5,
+    ),
+    Row(
+        "cooling with outdoor air colder than the set point",
+        ("T_out", "T_supply", "T_supply_set", "damper", "cool", "heat", "fan"),
+        air.too_cold_outside,
+        f"{G36} FC#11",
+        high="with the damper fully open the coil cools though outdoor air is colder than the set point",
+        high_causes=(CONTROL, DAMPER_STUCK, HEAT_LEAK, HEAT_STUCK, BIAS_OUT, BIAS_SUPPLY),
+        terms=(FAN_TERM,),
+        inequality=True,
+        sd=0.5,
+    ),
+    Row(
+        "changes of the operating state",
+        ("heat", "cool", "fan"),
+        air.hunting,
+        f"{G36} FC#4",
+        high="the control changes between heating, free cooling and cooling more than seven times an hour",
+        high_causes=(CONTROL,),
+        inequality=True,
+        sd=1.5,
+        unit="1",
     ),
     Row(
         "heating and cooling together",
