@@ -19,6 +19,7 @@ from fdd.config import (
     Point,
     Reidentify,
     Reports,
+    Rule,
     Site,
     SqliteStore,
     Tariffs,
@@ -341,7 +342,7 @@ def test_a_kind_of_source_is_registered_once() -> None:
 
 
 def _tables() -> Iterator[tuple[str, type[BaseModel]]]:
-    own = [Site, Point, Equipment, ParameterSpec, Charts, Tariffs, Reidentify, Reports, SqliteStore, InfluxStore]
+    own = [Site, Point, Equipment, ParameterSpec, Rule, Charts, Tariffs, Reidentify, Reports, SqliteStore, InfluxStore]
     yield from ((t.__name__, t) for t in own)
     yield "operator", OperatorOptions
     yield "operator person", Person
@@ -375,9 +376,9 @@ def test_documented_keys_exist() -> None:
     assert documented - known == set()
 
 
-@pytest.mark.parametrize("number", range(7))
+@pytest.mark.parametrize("number", range(8))
 def test_example_in_the_reference_loads(number: int) -> None:
     examples = re.findall(r"```yaml\n(.*?)```", REFERENCE.read_text(encoding="utf-8"), flags=re.DOTALL)
-    assert len(examples) == 7
+    assert len(examples) == 8
     site = parse_site(examples[number])
     assert [f for f in check_site(site) if f.severity == "error"] == []

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from fdd.config.equipment_rows import has_filter, kind_of, missing_roles
+from fdd.config.equipment_rows import has_filter, kind_of, missing_roles, tolerance_fits
 from fdd.config.schema import CHILLER, Equipment, Site
 from fdd.models.declare import ComponentModel, ModelError, Quantity
 from fdd.models.expectation import EquipmentModel
@@ -49,6 +49,8 @@ def check_site(site: Site) -> list[Finding]:
     findings = [*_general(site), *_unused(site)]
     for name, equipment in site.equipment.items():
         findings += _equipment(site, name, equipment)
+    for name in site.rules:
+        findings += _rule(site, name)
     return sorted(findings, key=lambda f: f.severity)
 
 
@@ -58,7 +60,7 @@ def _general(site: Site) -> Iterator[Finding]:
         yield Finding("warning", where, problem, "Write the new word; the next version refuses the old one.")
     if not site.sources:
         yield Finding("warning", "sources", "no source is given", "Name a data file on the command line, or add one.")
-    if not site.equipment:
+    if not site.equipment and not site.rules:
         yield Finding("error", "equipment", "nothing is watched", "Add equipment; `fdd models` lists the models.")
     if site.max_gap < site.step:
         yield Finding(
@@ -69,6 +71,7 @@ def _general(site: Site) -> Iterator[Finding]:
 def _unused(site: Site) -> Iterator[Finding]:
     used = {p for e in site.equipment.values() for p in (*e.inputs.values(), *e.outputs.values())}
     used |= {p for e in site.derived.values() for p in e.points}
+    used |= {p for name in site.rules for e in site.rule(name) if e is not None for p in e.points}
     used |= {p for name in site.equipment if (gate := site.gate(name)) for p in gate.points}
     for name in site.points:
         if name not in used:
@@ -95,6 +98,21 @@ def _equipment(site: Site, name: str, equipment: Equipment) -> Iterator[Finding]
         yield from _roles(site, f"{key}.inputs", equipment.inputs, model.inputs)
         yield from _roles(site, f"{key}.outputs", equipment.outputs, model.outputs)
     yield from _parameters(key, equipment, model)
+
+
+def _rule(site: Site, name: str) -> Iterator[Finding]:
+    """What a rule expects to be zero must have a zero, and its tolerance the same dimension."""
+    unit = site.rule(name)[0].unit
+    if unit == "degC":
+        problem = "is a temperature, which is not zero where all is well"
+        yield Finding("error", f"rules.{name}.expect", problem, "Subtract what it should be, such as another point.")
+    elif not tolerance_fits(site, name):
+        problem = f"{site.rules[name].unit!r} does not fit the expression, which is in {unit}"
+        yield Finding("error", f"rules.{name}.unit", problem, "Correct the unit or the expression.")
+    for other in site.rules[name].upstream:
+        if other not in site.equipment:
+            remedy = suggestion(other, list(site.equipment))
+            yield Finding("error", f"rules.{name}.upstream", f"no equipment is named {other!r}", remedy)
 
 
 def _no_filter(site: Site, name: str) -> Iterator[Finding]:
@@ -171,7 +189,7 @@ def _chiller(site: Site, key: str, name: str) -> Iterator[Finding]:
         yield Finding(
             "error", f"{key}.options.errors", f"the sensor error of {q.symbol} ({q.meaning}) is not known", remedy
         )
-    share = site.false_alarms_per_year * equipment.weight / sum(e.weight for e in site.equipment.values())
+    share = site.false_alarms_per_year * equipment.weight / site.weights
     own = chiller.false_alarms(config)
     if own > 1.001 * share:
         problem = f"its charts may give {own:.2g} false alarms a year; its share of the site's is {share:.2g}"

@@ -72,16 +72,14 @@ def _sensor_errors(site: Site, equipment: Equipment) -> dict[str, dict[str, floa
 
 def chillers_share(site: Site) -> float:
     """The part of the site's false-alarm budget that chillers take, by the weights of all equipment."""
-    weights = {name: e.weight for name, e in site.equipment.items()}
-    own = sum(w for name, w in weights.items() if is_chiller(site.equipment[name]))
-    return own / sum(weights.values()) if own else 0.0
+    own = sum(e.weight for e in site.equipment.values() if is_chiller(e))
+    return own / site.weights if own else 0.0
 
 
 def _within_budget(site: Site, name: str, config: ChillerConfig) -> ChillerConfig:
     """The chiller's false alarms cut to its share of the site's; what its options say is left as it is."""
     options = site.equipment[name].options
-    weights = sum(e.weight for e in site.equipment.values())
-    share = site.false_alarms_per_year * site.equipment[name].weight / weights
+    share = site.false_alarms_per_year * site.equipment[name].weight / site.weights
     cut = min(1.0, share / false_alarms(config))
     if "residual_false_alarms" not in options:
         config = replace(config, residual_false_alarms=cut * config.residual_false_alarms)

@@ -6,8 +6,10 @@ from collections.abc import Iterator, Mapping
 
 from fdd.config.schema import Equipment, Site
 from fdd.models.equipment import KINDS
+from fdd.models.equipment.rule import rule_model
 from fdd.models.expectation import EquipmentModel, Role
 from fdd.models.registry import MODELS, get_model
+from fdd.units import conversion
 
 
 def kind_of(equipment: Equipment) -> EquipmentModel | None:
@@ -48,11 +50,30 @@ def sensor_errors(site: Site, equipment: Equipment, kind: EquipmentModel) -> Map
 def rows_budget(site: Site, name: str) -> float:
     """False alarms a year that the rows of a piece of equipment may give: its share, half of it beside a filter."""
     equipment = site.equipment[name]
-    weights = sum(e.weight for e in site.equipment.values())
-    return site.false_alarms_per_year * equipment.weight / weights * (0.5 if has_filter(equipment) else 1.0)
+    return site.false_alarms_per_year * equipment.weight / site.weights * (0.5 if has_filter(equipment) else 1.0)
 
 
 def rows_share(site: Site) -> float:
-    """The part of the site's budget that rows take."""
+    """The part of the site's budget that rows and rules take."""
+    rules = sum(r.weight for r in site.rules.values()) / site.weights if site.rules else 0.0
     own = sum(rows_budget(site, name) for name, e in site.equipment.items() if kind_of(e) is not None)
-    return own / site.false_alarms_per_year
+    return own / site.false_alarms_per_year + rules
+
+
+def rule_of(site: Site, name: str) -> tuple[EquipmentModel, float]:
+    """A rule's declaration, and the false alarms a year that it may give."""
+    rule, expression = site.rules[name], site.rule(name)[0]
+    tolerance = rule.tolerance if rule.unit is None else _spread(rule.unit, rule.tolerance)
+    model = rule_model(name, expression.unit, tolerance, rule.side, rule.held, rule.says or name, rule.checks)
+    return model, site.false_alarms_per_year * rule.weight / site.weights
+
+
+def tolerance_fits(site: Site, name: str) -> bool:
+    """Whether a rule's tolerance is given in a unit that fits its expression."""
+    unit = site.rules[name].unit
+    wanted = site.rule(name)[0].unit
+    return unit is None or conversion(unit).si == wanted or (conversion(unit).si == "degC" and wanted == "K")
+
+
+def _spread(unit: str, tolerance: float) -> float:
+    return conversion(unit).spread(tolerance)

@@ -133,6 +133,23 @@ class Equipment(Strict):
     location: str = Field(default="", description="where to find it")
 
 
+class Rule(Strict):
+    """An expectation of the site's own: an expression that is zero, or at most zero, where all is well."""
+
+    expect: str = Field(description="expression over points that is zero, or at most zero, where all is well")
+    when: str | None = Field(default=None, description="condition under which the rule holds, such as fan > 0.5")
+    tolerance: float = Field(gt=0, description="what may remain for good, in 'unit': two standard deviations")
+    unit: UnitText | None = Field(default=None, description="unit of the tolerance; defaults to the expression's in SI")
+    side: Literal["above", "below", "either"] = Field(
+        default="above", description="where the expression goes when something is wrong: above, below or either side"
+    )
+    held: DurationOrZero = Field(default=900.0, description="how long 'when' must have held")
+    says: str = Field(default="", description="what it means when the rule is broken; defaults to its name")
+    checks: tuple[str, ...] = Field(default=(), description="what to check first")
+    weight: float = Field(default=1.0, gt=0, description="share of the false-alarm budget, relative to equipment")
+    upstream: tuple[str, ...] = Field(default=(), description="equipment whose alarm explains this rule's")
+
+
 class Tariffs(Strict):
     """Prices, for the cost of a fault."""
 
@@ -257,6 +274,7 @@ class Site(Strict):
     sources: tuple[SerializeAsAny[SourceOptions], ...] = Field(default=(), description="where samples come from")
     points: dict[str, Point] = Field(default={}, description="point name to what it is")
     equipment: dict[str, Equipment] = Field(default={}, description="equipment name to what it is")
+    rules: dict[str, Rule] = Field(default={}, description="rule name to an expectation of the site's own")
 
     _folder: Path = PrivateAttr(default_factory=Path.cwd)
     _former: tuple[tuple[str, str, str], ...] = PrivateAttr(default=())
@@ -328,6 +346,8 @@ class Site(Strict):
             self.derived  # noqa: B018 - compiles them
             for name in self.equipment:
                 self.gate(name)
+            for name in self.rules:
+                self.rule(name)
         except ExpressionError as error:
             key = next(k for k, text in self._expression_texts() if text == error.text)
             raise refusal(error.problem, error.remedy, key) from None
@@ -335,9 +355,14 @@ class Site(Strict):
     def _expression_texts(self) -> list[tuple[str, str]]:
         points = [(f"points.{n}.expression", p.expression) for n, p in self.points.items() if p.expression is not None]
         gates = [(f"equipment.{n}.when", e.when) for n, e in self.equipment.items() if e.when is not None]
-        return points + gates
+        rules = [(f"rules.{n}.expect", r.expect) for n, r in self.rules.items()]
+        rules += [(f"rules.{n}.when", r.when) for n, r in self.rules.items() if r.when is not None]
+        return points + gates + rules
 
     def _check_equipment(self) -> None:
+        for name in self.rules:
+            if "/" in name or name in self.equipment or name in ("", "-", ".", ".."):
+                raise refusal(f"{name!r} cannot be a rule's name", "Give it another, without '/'.", f"rules.{name}")
         for name, item in self.equipment.items():
             if "/" in name or name in ("", "-", ".", ".."):
                 raise refusal(
@@ -361,6 +386,11 @@ class Site(Strict):
                         suggestion(other, others),
                         f"equipment.{name}.upstream",
                     )
+
+    @property
+    def weights(self) -> float:
+        """Sum of the weights that the budget of false alarms is divided by."""
+        return sum(e.weight for e in self.equipment.values()) + sum(r.weight for r in self.rules.values())
 
     @property
     def measured(self) -> dict[str, Point]:
@@ -405,6 +435,12 @@ class Site(Strict):
         """When a piece of equipment may be judged; None means always."""
         text = self.equipment[equipment].when
         return None if text is None else compile_expression(text, self.units)
+
+    def rule(self, name: str) -> tuple[Expression, Expression | None]:
+        """What a rule expects to be zero, and when."""
+        rule = self.rules[name]
+        when = None if rule.when is None else compile_expression(rule.when, self.units)
+        return compile_expression(rule.expect, self.units), when
 
 
 def _derived(point: Point, units: Mapping[str, str]) -> Expression:

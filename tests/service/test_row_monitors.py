@@ -178,3 +178,42 @@ def test_what_a_site_lacks_is_said_with_a_remedy() -> None:
     assert any("role cool (cooling valve position) has no point. Add `cool: POINT` [1]" in f for f in found)
     assert any("T_sply: the model has no such role" in f and "T_supply" in f for f in found)
     assert any("expectations cannot be judged without" in f for f in found)
+
+
+RULES = """
+rules:
+  supply air too warm:
+    expect: ahu.T_supply - ahu.T_supply_set
+    when: ahu.fan > 0.5
+    held: 1 h
+    tolerance: 3.6
+    unit: degF
+    says: the supply air is far above its set point
+    checks: ["look at the coil: cold"]
+"""
+
+
+def test_a_rule_of_the_sites_own_rings_by_its_tolerance_and_has_its_share_of_the_budget() -> None:
+    plan = plan_of(parse_site(SITE + RULES))
+    assert sum(e.false_alarms_per_year for e in plan.equipment) == pytest.approx(2.0)
+    hot = Plant(cool=0.0)
+    for days, rings in (([(FINE, 30.0)], False), ([(hot, 30.0)], True)):
+        engine = Engine(plan, {})
+        got = [engine.step(batch(days)), engine.flush()]
+        found = [a for a in last(got).values() if a.component == "supply air too warm"]
+        assert bool(found) == rings
+        for alarm in found:
+            assert alarm.summary.startswith("supply air too warm: the supply air is far above its set point")
+            assert alarm.checks == ("look at the coil: cold",)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (RULES.replace("ahu.T_supply - ahu.T_supply_set", "ahu.T_supply"), "not zero where all is well"),
+        (RULES.replace("unit: degF", "unit: Pa"), "does not fit the expression, which is in K"),
+    ],
+)
+def test_a_rule_without_sense_is_refused_with_a_remedy(text: str, said: str) -> None:
+    (found,) = [f for f in check_site(parse_site(SITE + text)) if f.severity == "error"]
+    assert said in str(found)

@@ -199,7 +199,8 @@ def hunting(v: Day) -> Residual:
     changed = np.concatenate([[False], np.diff(state) != 0]) & on
     hour = np.floor(v.time / 3600.0)
     _, inverse = np.unique(hour, return_inverse=True)
-    return only(on, np.bincount(inverse, weights=changed)[inverse] - 7.0), {}
+    changes = np.asarray(np.bincount(inverse, weights=changed)[inverse] - 7.0, dtype=np.float64)
+    return only(on, changes), {}
 
 
 def pressure_short(v: Day) -> Residual:

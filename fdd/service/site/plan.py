@@ -16,7 +16,7 @@ import numpy as np
 from fdd.chiller_eiv.config import ChillerConfig
 from fdd.config import Equipment, Site, component_model
 from fdd.config.chiller import chiller_config, chillers_share, is_chiller
-from fdd.config.equipment_rows import has_filter, kind_of, points_of, rows_budget, rows_share, sensor_errors
+from fdd.config.equipment_rows import has_filter, kind_of, points_of, rows_budget, rows_share, rule_of, sensor_errors
 from fdd.expressions import Expression
 from fdd.greybox.scale import Prior
 from fdd.models.declare import ComponentModel, Parameter
@@ -228,6 +228,14 @@ def plan_of(site: Site) -> Plan:
                 equipment=equipment,
             )
         )
+    for name, rule in site.rules.items():
+        expected, condition = site.rule(name)
+        derived.append(Derived(f"{name}/expect", expected))
+        if condition is not None:
+            derived.append(Derived(f"{name}/when", _as_number(condition)))
+        kind, budget = rule_of(site, name)
+        when = None if condition is None else f"{name}/when"
+        rows.append(RowEquipment(name, kind, {"value": f"{name}/expect"}, budget, {}, when, frozenset(rule.upstream)))
     return Plan(
         site=site.name,
         step=_nanoseconds(site.step),
