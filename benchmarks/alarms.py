@@ -26,12 +26,12 @@ from rich.console import Console
 from scipy.special import ndtri
 
 from benchmarks import fault_free_years, peers, room
+from benchmarks.chart_kinds import charts, make, warm_up
 from benchmarks.common import context, figure, report
 from benchmarks.detection_figures import detected
 from fdd.records import FloatArray
 from fdd.residual_monitors.budget import poisson_interval
 from fdd.residual_monitors.chart import Chart, Feed, Phase
-from fdd.residual_monitors.registry import charts, make, warm_up
 from fdd.residual_monitors.run_length import Rule, arl, limit_for
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -91,7 +91,7 @@ def rates(quick: bool, console: Console) -> tuple[Figures, dict[str, Any]]:
     wanted, streams, steps = (5000.0, 500, 5000) if quick else (105_120.0, 500, 105_120)
     figures: Figures = {}
     for kind, cls in charts().items():
-        width = 2 if cls.feed in (Feed.VECTORS, Feed.SCORES) else 1
+        width = 2 if cls.feed is Feed.SCORES else 1
         options: dict[str, Any] = {Feed.SCORES: {"parameters": width}, Feed.READINGS: {"repeat": RESTING}}.get(
             cls.feed, {}
         )
@@ -115,16 +115,11 @@ def _realise(chart: Chart, units: int, width: int, steps: int) -> tuple[int, flo
     rng = np.random.default_rng(SEED)
     alarms, seen = 0, 0.0
     information = np.tile(np.eye(width), (units, 1, 1))
-    error = np.ones(units)
     for _ in range(steps):
         x = rng.standard_normal((units, width))
         x[rng.random(units) < 0.1] = np.nan
-        if chart.feed is Feed.SCORES:
-            said = chart.update_scores(x, information)  # type: ignore[attr-defined]
-        elif chart.feed is Feed.ESTIMATES:
-            said = chart.update_estimates(x[:, 0], error)  # type: ignore[attr-defined]
-        else:
-            said = chart.update(_fed(chart, x))
+        scores = chart.feed is Feed.SCORES
+        said = chart.update_scores(x, information) if scores else chart.update(_fed(chart, x))  # type: ignore[attr-defined]
         rang = said.phase == Phase.ALARM
         seen += np.count_nonzero(np.isfinite(x[:, 0])) * (chart.n // units)
         if rang.any():
@@ -137,7 +132,7 @@ def _fed(chart: Chart, x: FloatArray) -> FloatArray:
     """Values (units, width) as the chart takes them; readings that rest at one number most of the time."""
     if chart.feed is Feed.READINGS:
         return np.where(x[:, 0] < ndtri(RESTING), 0.0, x[:, 0])
-    return x if chart.feed is Feed.VECTORS else x[:, 0]
+    return np.asarray(x[:, 0])
 
 
 def _update_time(streams: int) -> float:

@@ -1,4 +1,4 @@
-"""Remake the pictures of docs/promise.md: python docs/studies/promise.py [ANSWERS]
+"""Remake the pictures of docs/promise.md: PYTHONPATH=. python docs/studies/promise.py [ANSWERS]
 
 The first is of a real record that is not shipped: set FDD_SHARED to the folder that holds ``data/real2``. The others
 are of what ``python -m benchmarks.promise --to ANSWERS`` has kept.

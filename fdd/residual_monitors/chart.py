@@ -43,9 +43,7 @@ class Feed(Enum):
 
     VALUES = "update(z), z of shape (n,)"
     READINGS = "update(x), x of shape (n,), readings as they come, not standardised"
-    VECTORS = "update(z), z of shape (n, dimension)"
     SCORES = "update_scores(score, information)"
-    ESTIMATES = "update_estimates(estimate, error)"
 
 
 class StateError(ValueError):

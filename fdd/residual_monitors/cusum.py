@@ -14,8 +14,8 @@ from fdd.residual_monitors.run_length import limit_for
 class Cusum(Chart):
     r"""Cumulated sums of what exceeds the reference value, one for each direction.
 
-    Tuned to a shift of 2 ``k`` standard deviations. A jump of unknown size: ``glr``; small and slow: a smaller ``k`` or
-    ``ewma``; several outputs at once: ``mewma``.
+    Tuned to a shift of 2 ``k`` standard deviations. Small and slow shifts: a smaller ``k``, or sums of a
+    day (``daily``); of a physical parameter: ``score``.
 
     Equations
         .. math:: C^+_t = \max(0, C^+_{t-1} + z_t - k), \quad C^-_t = \max(0, C^-_{t-1} - z_t - k)

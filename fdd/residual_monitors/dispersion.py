@@ -15,8 +15,8 @@ from fdd.residual_monitors.window import WindowChart
 class Dispersion(WindowChart):
     r"""Chi-square test on the variance of windows side by side, two-sided.
 
-    Noise that has grown or gone over a day, however it is spread within it. Quicker, and for vectors: ``nis``. The mean
-    is taken out, so that a plain shift is left to ``cusum``.
+    Noise that has grown or gone over a day, however it is spread within it. The mean is taken
+    out, so that a plain shift is left to ``cusum``.
 
     Equations
         .. math:: x = \frac{(V / (N - 1))^{1/3} - 1 + 2 / (9 (N - 1))}{\sqrt{2 / (9 (N - 1))}}, \quad

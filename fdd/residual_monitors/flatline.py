@@ -105,8 +105,8 @@ def flat_runs(readings: ArrayLike) -> FlatRuns | None:
 class Flatline(Chart):
     r"""Counts unchanged readings: a sensor that is frozen, a gateway that repeats, a point that nobody updates.
 
-    A frozen reading may lie well inside what the model expects for days, so that ``cusum`` sees it late, and ``nis``
-    only if the whole vector stands still. Readings are compared as they come, not standardised.
+    A frozen reading may lie well inside what the model expects for days, so that ``cusum`` sees it late. Readings are
+    compared as they come, not standardised.
 
     Equations
         .. math:: n_t = n_{t-1} + 1 \text{ if } x_t = x_{t-1}, \text{ else } 0

@@ -1,4 +1,4 @@
-"""Make the two pictures of measured.md: ``python docs/models/faults/plots.py`` (needs the measured pipes)."""
+"""The two pictures of measured.md: ``PYTHONPATH=. python docs/models/faults/plots.py``; needs the measured pipes."""
 
 from __future__ import annotations
 

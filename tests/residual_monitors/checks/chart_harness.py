@@ -9,8 +9,8 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from benchmarks.chart_kinds import charts, make
 from fdd.residual_monitors.chart import Chart, Feed, Verdicts
-from fdd.residual_monitors.registry import charts, make
 
 Array = NDArray[Any]
 
@@ -44,7 +44,7 @@ def build(kind: str, units: int, arl: float = 2000.0, options: dict[str, Any] | 
 
 def draw(rng: Generator, kind: str, steps: int, units: int) -> Array:
     """White standard normal values (steps, units, elements)."""
-    width = WIDTH if charts()[kind].feed in (Feed.VECTORS, Feed.SCORES) else 1
+    width = WIDTH if charts()[kind].feed is Feed.SCORES else 1
     return rng.standard_normal((steps, units, width))
 
 
@@ -62,12 +62,8 @@ def push(chart: Chart, x: Array) -> Verdicts:
     """One update with values (units, elements)."""
     if chart.feed is Feed.VALUES:
         return chart.update(x[:, 0])
-    if chart.feed is Feed.VECTORS:
-        return chart.update(x)
     if chart.feed is Feed.READINGS:
         return chart.update(np.where(x[:, 0] < ndtri(RESTING), 0.0, x[:, 0]))
-    if chart.feed is Feed.ESTIMATES:
-        return chart.update_estimates(0.1 * x[:, 0], np.full(len(x), 0.1))  # type: ignore[attr-defined,no-any-return]
     score = np.stack([ROOT[0, 0] * x[:, 0], ROOT[1, 0] * x[:, 0] + ROOT[1, 1] * x[:, 1]], axis=1)
     return chart.update_scores(score, np.tile(INFORMATION, (len(x), 1, 1)))  # type: ignore[attr-defined,no-any-return]
 

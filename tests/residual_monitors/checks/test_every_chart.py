@@ -1,4 +1,4 @@
-"""What every chart promises, checked for each that the registry finds."""
+"""What every chart promises, checked for each of the folder."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from chart_harness import KINDS, OPTIONS, build, draw, fault, push, run
 from numpy.random import default_rng
 
-from fdd.residual_monitors import registry
+from benchmarks import chart_kinds
 from fdd.residual_monitors.chart import Chart, Phase, StateError
 
 every_chart = pytest.mark.parametrize("kind", KINDS)
@@ -26,13 +26,11 @@ def assert_finite(chart: Chart) -> None:
             assert np.all(np.isfinite(value)), name
 
 
-def test_registry_holds_the_charts_of_the_promise() -> None:
-    assert {
-        "autocorrelation", "cusum", "dispersion", "drift", "ewma", "glr", "mewma", "nis", "periodogram", "score",
-        "shewhart", "flatline",
-    } <= set(KINDS)  # fmt: skip
+def test_every_chart_of_the_folder_is_one_that_the_engine_runs() -> None:
+    """Nothing stands in the folder that no family of the service feeds."""
+    assert set(KINDS) == {"autocorrelation", "cusum", "daily", "dispersion", "flatline", "periodogram", "score"}
     with pytest.raises(ValueError, match=r"there is no chart 'cosum'; there are .*cusum"):
-        registry.make("cosum", [100.0])
+        chart_kinds.make("cosum", [100.0])
 
 
 @every_chart
@@ -174,7 +172,7 @@ def test_constant_and_saturated_values_leave_a_sound_chart(kind: str) -> None:
 def test_stuck_at_zero_is_no_alarm_but_to_the_charts_of_spread_and_stillness(kind: str) -> None:
     chart = build(kind, 2)
     said = run(chart, np.zeros_like(draw(default_rng(0), kind, 500, 2)))
-    assert np.all((said[-1, 0] == Phase.ALARM) == (kind in ("nis", "dispersion", "flatline")))
+    assert np.all((said[-1, 0] == Phase.ALARM) == (kind in ("dispersion", "flatline")))
 
 
 @every_chart
@@ -256,13 +254,13 @@ def test_streams_may_have_limits_of_their_own(kind: str) -> None:
     units = 2
     per = build(kind, units).n // units
     arl = np.repeat([500.0, 50_000.0], per)
-    limits = registry.make(kind, arl, **OPTIONS.get(kind, {})).limit
+    limits = chart_kinds.make(kind, arl, **OPTIONS.get(kind, {})).limit
     assert np.all(limits[:per] < limits[per:])
 
 
 @every_chart
 def test_chart_is_documented(kind: str) -> None:
-    cls = registry.charts()[kind]
+    cls = chart_kinds.charts()[kind]
     text = inspect.getdoc(cls) or ""
     assert "Parameters" in text
     assert "``" in text  # names its siblings

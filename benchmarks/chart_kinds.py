@@ -1,4 +1,4 @@
-"""Every chart by its name, found by introspection: a file in this folder with a chart in it is enough."""
+"""Every chart of ``fdd/residual_monitors`` by its name, found by introspection, for benchmarks and checks."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from fdd.residual_monitors.chart import Chart, Feed
 
 @cache
 def charts() -> MappingProxyType[str, type[Chart]]:
-    """Kind to class, for every chart of this folder.
+    """Kind to class, for every chart.
 
     Raises
     ------
@@ -55,7 +55,5 @@ def warm_up() -> None:
         nothing = np.full(chart.n, np.nan)
         if cls.feed is Feed.SCORES:
             chart.update_scores(nothing[:, None], nothing[:, None, None])  # type: ignore[attr-defined]
-        elif cls.feed is Feed.ESTIMATES:
-            chart.update_estimates(nothing, nothing)  # type: ignore[attr-defined]
         else:
-            chart.update(np.full((1, 2), np.nan) if cls.feed is Feed.VECTORS else nothing)
+            chart.update(nothing)
