@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import exp, sqrt
 
@@ -11,6 +12,7 @@ import pytest
 from fdd.models.zone import zone
 from fdd.records import NANOSECONDS, Baseline, Batch, Sample
 from fdd.service.site.plan import Component, Plan
+from tests.report.lint import watching
 
 STEP = 300
 C, R, AREA, SIGMA, NOISE = 5e6, 5e-3, 4.0, 3e-4, 0.02
@@ -104,3 +106,10 @@ def healthy() -> Truth:
 def faulty() -> Truth:
     """A fortnight in which the south room loses 900 W from the seventh day on."""
     return simulate(14 * 288, seed=2, loss=900.0, onset=7 * 288)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def reports_are_read() -> Iterator[None]:
+    """No report that a test of the service writes may contradict itself."""
+    with watching():
+        yield
