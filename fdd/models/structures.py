@@ -15,6 +15,16 @@ class Structure:
 
     options: Mapping[str, Any]
     words: str
+    contains: tuple[str, ...] = ()
+    """Words of the variants that are this one with parameters left out."""
+
+
+ROOMS = {
+    "Ti": (),
+    "TiTe": ("Ti",),
+    "TiTh": ("Ti",),
+    "TiTeTh": ("Ti", "TiTe", "TiTh"),
+}
 
 
 def structures(
@@ -37,6 +47,8 @@ def structures(
             Structure({"sections": n, "surroundings": False}, f"{n} section{'s' * (n > 1)}, heat to the room")
             for n in (1, 2)
         )
+    if model == "zone" and not {"nodes", *parameters} & set(said):
+        return tuple(Structure({"nodes": nodes}, nodes, inner) for nodes, inner in ROOMS.items())
     return ()
 
 

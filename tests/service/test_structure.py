@@ -115,3 +115,52 @@ def test_another_variant_is_not_put_under_running_filters(tmp_path: Path) -> Non
     other = fitted(site(tmp_path, "    options: {dynamics: quasi-steady, flow_hot: 0.1, flow_cold: 0.2}\n", days=4))[1]
     with pytest.raises(EngineError, match="another variant"):
         engine.rebase({"hx": other.baseline})
+
+
+ROOM = """
+name: Room
+zone: UTC
+step: 15 min
+source: {kind: csv, path: room.csv, time: {column: time}}
+store: {kind: sqlite, path: room.sqlite}
+points:
+  outside: {unit: degC}
+  sun: {unit: W/m2}
+  heat: {unit: W}
+  T: {unit: degC}
+equipment:
+  room:
+    model: zone
+    inputs: {T_out: outside, I_solar: sun, P_heat: heat}
+    outputs: {T_room: T}
+"""
+
+
+def room(folder: Path, more: str = "") -> Path:
+    """Three weeks of a room with an envelope and a heater without any capacity of its own."""
+    from benchmarks.identification import zone_set
+
+    m, _, d = zone_set(3, 2000)
+    columns = dict(zip(m.symbols["inputs"], d.u.T, strict=True))
+    rows = np.column_stack([columns["T_out"], columns["I_solar"], columns["P_heat"], d.y[:, 0]])
+    with (folder / "room.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["time", "outside", "sun", "heat", "T"])
+        start = np.datetime64("2026-01-01T00:00:00")
+        writer.writerows([f"{start + int(s)}Z", *np.round(row, 5)] for s, row in zip(d.t, rows, strict=True))
+    (folder / "site.yaml").write_text(ROOM + more)
+    return folder / "site.yaml"
+
+
+def test_a_room_gets_the_nodes_that_likelihood_ratio_and_held_out_data_ask_for(tmp_path: Path) -> None:
+    _, found = fitted(room(tmp_path))
+    assert found.baseline.options["nodes"] == "TiTe"
+    text = found.summary()
+    assert "chosen: TiTe" in text
+    assert all(f"structure: {nodes}: log-likelihood" in text for nodes in ("Ti", "TiTe", "TiTh", "TiTeTh"))
+
+
+def test_whoever_names_the_nodes_has_chosen(tmp_path: Path) -> None:
+    _, found = fitted(room(tmp_path, "    options: {nodes: Ti}\n"))
+    assert found.baseline.options["nodes"] == "Ti"
+    assert "structure" not in found.baseline.diagnostics

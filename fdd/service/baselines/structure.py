@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from fdd.greybox.fit import fit
 from fdd.greybox.likelihood import Data, Likelihood
+from fdd.greybox.results import FitResult
 from fdd.greybox.scale import ParameterError
 from fdd.models.structures import Structure
 from fdd.records import NANOSECONDS, JsonObject
@@ -17,6 +19,7 @@ from fdd.service.baselines.plausible import objections
 from fdd.service.site.plan import Component, Plan
 
 TRAINED = 0.75  # share of the time that variants are fitted to; they are compared on the rest
+LEVEL = 0.01  # of the likelihood-ratio tests by which a variant may grow
 SHORTEST = 12  # frames of a record that is worth filtering
 
 
@@ -40,13 +43,18 @@ class Tried:
 
     structure: Structure
     component: Component
-    params: dict[str, float]
+    result: FitResult
     held_out: float
     against: tuple[str, ...]
 
     def words(self) -> str:
         """One line of the comparison."""
-        line = f"{self.structure.words}: log-likelihood {self.held_out:.1f} on the last quarter, held out"
+        line = (
+            f"{self.structure.words}: log-likelihood {self.result.llf:.1f} where fitted, {self.held_out:.1f} on the "
+            "last quarter, held out"
+        )
+        if self.result.unidentifiable and not self.against:
+            line += f" ({', '.join(self.result.unidentifiable)} not told)"
         return f"{line}; not to be put in force: {self.against[0]}" if self.against else line
 
 
@@ -70,9 +78,9 @@ def choose(plan: Plan, component: Component, history: History) -> Choice:
     tried = [t for t in (_try(component, s, early, late) for s in options) if t is not None]
     if not tried:
         return Choice(component)
-    best = max(tried, key=lambda t: (not t.against, t.held_out))
+    best = _grown(tried) if any(s.contains for s in options) else max(tried, key=lambda t: (not t.against, t.held_out))
     reasons = (f"chosen: {best.structure.words}", *(t.words() for t in tried))
-    return Choice(best.component, best.params, reasons)
+    return Choice(best.component, best.result.params, reasons)
 
 
 def _try(component: Component, structure: Structure, early: Sequence[Data], late: Sequence[Data]) -> Tried | None:
@@ -82,7 +90,22 @@ def _try(component: Component, structure: Structure, early: Sequence[Data], late
     except ParameterError:
         return None
     held_out = -Likelihood(variant.model, list(late)).value(result.values)
-    return Tried(structure, variant, result.params, held_out, objections(variant, result))
+    return Tried(structure, variant, result, held_out, objections(variant, result))
+
+
+def _grown(tried: Sequence[Tried]) -> Tried:
+    """Of nested variants the one that growing ends with: likelier by the ratio test, and on held-out data (AND)."""
+    best = tried[0]
+    for larger in tried[1:]:
+        if best.structure.words not in larger.structure.contains:
+            # Not nested in what stands: it must be likelier everywhere.
+            better = larger.result.llf > best.result.llf
+        else:
+            degrees = max(1, len(larger.result.free) - len(best.result.free))
+            better = bool(chi2.sf(2 * (larger.result.llf - best.result.llf), degrees) < LEVEL)
+        if better and larger.held_out > best.held_out and not larger.against:
+            best = larger
+    return best
 
 
 def _split(found: Sequence[Run]) -> tuple[list[Data], list[Data]]:
