@@ -17,7 +17,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import typer
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
 from fdd import __version__
 
@@ -344,18 +343,21 @@ def alarms_history(
     as_json: AsJson = False,
 ) -> None:
     """What people asked of alarms and of the service, and what became of it: the audit trail."""
+    from fdd.service.verbs.listing import show
     from fdd.service.verbs.operate import history
 
     found = history(site_file, key)
     if as_json:
         _print_json({"history": found})
         return
-    table = Table("line", "when", "what", "who", "through", "alarm", "outcome", "comment", box=None)
+    rows = []
     for line in found:
         when = datetime.fromtimestamp(line["wall"], UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-        cells = (line.get(k, "") for k in ("who", "through", "alarm", "outcome", "comment"))
-        table.add_row(str(line["line"]), when, line["what"], *(Text(str(c)) for c in cells))
-    out.print(table if found else "Nobody has asked anything yet.", soft_wrap=True)
+        said = {k: line.get(k, "") for k in ("who", "through", "alarm", "outcome", "comment")}
+        rows.append({"line": line["line"], "when": when, "what": line["what"], **said})
+    show(rows, out)
+    if not found:
+        out.print("Nobody has asked anything yet.")
 
 
 @alarms.command("verify", epilog=example("fdd alarms verify plant.yaml"))
@@ -547,6 +549,7 @@ def baselines(
 ) -> None:
     """List the baselines that were kept; roll back to one, or approve one."""
     from fdd.service.baselines.revisions import change_baseline, list_baselines
+    from fdd.service.verbs.listing import show
 
     if rollback or approve:
         said = change_baseline(site_file, rollback=rollback, approved=approve, by=by)
@@ -556,10 +559,8 @@ def baselines(
     if as_json:
         _print_json({"baselines": found})
         return
-    table = Table("equipment", "version", "status", "from", "until", "samples", "why", box=None)
-    for b in found:
-        table.add_row(*[str(b[k]) for k in ("component", "version", "status", "from", "until", "samples", "reason")])
-    out.print(table, soft_wrap=True)
+    keys = ("component", "version", "status", "from", "until", "samples", "reason")
+    show([{k: b[k] for k in keys} for b in found], out)
 
 
 @app.command(epilog=example("fdd experiment house.yaml house --move 'P_heat=0:5 kW' --days 6 --out prbs.csv"))
@@ -629,16 +630,14 @@ def models(
 ) -> None:
     """List the component models, or show one."""
     from fdd.service.verbs.catalogue import catalogue, describe
+    from fdd.service.verbs.listing import show
 
     if name is None:
         rows = catalogue()
         if as_json:
             _print_json({"models": rows})
             return
-        table = Table("model", "title", "options", "inputs", "outputs", box=None)
-        for row in rows:
-            table.add_row(row["name"], row["title"], row["options"], " ".join(row["inputs"]), " ".join(row["outputs"]))
-        out.print(table)
+        show([{k: row[k] for k in ("name", "title", "inputs", "outputs", "options")} for row in rows], out)
         return
     document = describe(name)
     if as_json:
@@ -646,12 +645,7 @@ def models(
         return
     out.print(f"[bold]{document['title']}[/bold]  (model {name}, version {document['version']})")
     for part in ("states", "inputs", "outputs", "parameters", "faults"):
-        rows = document[part]
-        if rows:
-            table = Table(*rows[0], title=part, title_justify="left", box=None)
-            for row in rows:
-                table.add_row(*[str(v) for v in row.values()])
-            out.print(table)
+        show(document[part], out, part)
     for reference in document["references"]:
         out.print(reference)
 

@@ -82,7 +82,9 @@ class Started:
 
     def print(self, console: Console) -> None:
         """For people."""
-        table = Table("what", "taken for", "how sure", "why", box=None, pad_edge=False)
+        table = Table(box=None, pad_edge=False)
+        for head in ("what", "taken for", "how sure", "why"):
+            table.add_column(head, overflow="fold")
         for row in self._rows():
             table.add_row(*row, style="bold" if row[2] == "unsure" else None)
         console.print(table, markup=False)

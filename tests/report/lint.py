@@ -13,7 +13,7 @@ from typing import Any
 
 NUMBER = r"[-+−]?\d[\d ]*(?:[.,]\d+)?(?:e[-+]?\d+)?"
 UNIT = r"(?: ?(?:%|[A-Za-z°/²³·]+(?:[/·][A-Za-z²³()·]+)*))?"
-_NONE = re.compile(r"(?<![\w.-])(?:nan|NaN|inf|None|null|undefined)(?![\w-])")
+_NONE = re.compile(r"(?<![\w.-])(?:nan|NaN|inf|None(?! in | of )|null|undefined)(?![\w-])")
 _INTERVAL = re.compile(rf"({NUMBER})({UNIT}) \((?:95 %:? ?)?({NUMBER}) to ({NUMBER})\)")
 _SHARE = re.compile(r"(\d{3,}(?:\.\d+)?) % (?:likely|probable|sure|certain)")
 _SIGN = re.compile(r"[-−]\d[\d.]*(?: ?(?:%|K|W|kW|degC|kg/s))? (?:more|less|higher|lower|above|below)\b")

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from fdd.chiller_eiv.steady_state import SteadyPoints, steady_points
 from fdd.config import Finding, Site, check_site, load_site
@@ -18,6 +17,7 @@ from fdd.service.baselines.history import History, read_history, runs
 from fdd.service.site.feed import FILES, Feed
 from fdd.service.site.plan import Chiller
 from fdd.service.site.site_context import SiteContext, open_site
+from fdd.service.verbs.listing import show
 from fdd.service.verbs.quality import RecordQuality, record_quality
 from fdd.service.verbs.quality_page import write_quality
 from ingest.source import Refused, missing_modules
@@ -63,12 +63,8 @@ class CheckResult:
         """For people."""
         for finding in self.findings:
             console.print(str(finding), highlight=False, markup=False, soft_wrap=True)
-        if self.points:
-            head = [{"unchanged": "still"}.get(k, k) for k in self.points[0]]
-            table = Table(*head, box=None, pad_edge=False)
-            for row in self.points:
-                table.add_row(*[f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()])
-            console.print(table, highlight=False, markup=False)
+        rounded = [{k: float(f"{v:.4g}") if isinstance(v, float) else v for k, v in p.items()} for p in self.points]
+        show(rounded, console)
         for row in self.components:
             console.print(_row_words(row), highlight=False, soft_wrap=True)
         lost = {k: n for k, n in self.counts.items() if n and k != "accepted"}
