@@ -4,7 +4,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 
-.PHONY: mutants help setup demo test test-slow test-integration lint types bench docs dashboards lock clean
+.PHONY: audit mutants help setup demo test test-slow test-integration lint types bench docs dashboards lock clean
 
 help:            ## Show the targets
 	@grep -hE '^[a-z-]+: .*## ' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-18s %s\n", $$1, $$2}'
@@ -39,8 +39,11 @@ lint: $(READY)   ## Style, types, and the direction of dependencies
 mutants: $(READY)  ## Which tests fail if a core line is changed: a sample of mutants
 	$(BIN)/python -m benchmarks.mutants
 
+audit: $(READY)  ## Known vulnerabilities, SBOM (CycloneDX) and licences of what is locked, into var/audit
+	deploy/audit.sh $(BIN)/python
+
 bench: $(READY)  ## Every benchmark, quick size
-	@for b in kernels components chiller_eiv alarms service; do $(BIN)/python -m benchmarks.$$b --quick || exit 1; done
+	@for b in kernels components chiller_eiv alarms service doors; do $(BIN)/python -m benchmarks.$$b --quick || exit 1; done
 
 lock:            ## Refresh requirements.lock (needs uv)
 	uv pip compile pyproject.toml --extra dev --extra cluster --extra mqtt --extra bacnet --generate-hashes --no-header --universal --python-version 3.11 -o requirements.lock

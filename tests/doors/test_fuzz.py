@@ -6,11 +6,10 @@ import warnings
 
 import pytest
 
+from benchmarks.doors.__main__ import SHARES
 from benchmarks.doors.fuzz import Target, run, targets
 
 QUICK, SLOW = 150, 1_000_000
-# A file is written and read for each of its cases: they have fewer.
-SHARES = {"csv": 0.02, "csv.gz": 0.02, "parquet": 0.02, "xlsx": 0.02, "site file": 0.03}
 
 
 @pytest.mark.parametrize("target", targets(), ids=lambda t: t.name)
