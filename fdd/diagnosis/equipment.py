@@ -226,9 +226,9 @@ def _cause(
         gain = fitted.evidence - plain
         if gain > 1.0:
             size = fitted.size
-            supports.append(f"the settled readings fit it better than normal operation, by {gain:.0f} nats")
+            supports.append(f"the settled readings fit it better than normal operation, by {gain:.0f} nat(s)")
         elif gain < -1.0:
-            objects.append(f"the settled readings fit normal operation better, by {-gain:.0f} nats")
+            objects.append(f"the settled readings fit normal operation better, by {-gain:.0f} nat(s)")
     meaning = fault.meaning if fault else {NORMAL: "chance", UNKNOWN: "none of the known faults"}[name]
     checks = fault.checks if fault else ()
     return Cause(name, meaning, p, size, fitted.unit if fitted else "", tuple(supports), tuple(objects), checks)

@@ -207,7 +207,7 @@ def _summary(alarm: Alarm, info: ComponentInfo) -> str:
         return "Its model no longer describes it: what is said of its faults may be wrong until it has a new baseline."
     parts = [f"{listed(what)} higher" for what in [sides[1]] if what]
     parts += [f"{listed(what)} lower" for what in [sides[-1]] if what]
-    if parts:
+    if parts and not info.daily:
         likely = f" Most likely {inside(str(alarm.causes[0]['meaning']))}" if _has_meaning(alarm) else ""
         return sentence(f"{', and '.join(parts)} than its healthy model expects.{likely}")
     text = alarm.summary.removeprefix(f"{alarm.component}: ")

@@ -77,6 +77,8 @@ class Count:
 
 def watch(name: str, info: ComponentInfo, evidence: Evidence, start: int, end: int) -> Watch:
     """How far a component was watched from ``start`` to ``end`` [ns]."""
+    if info.daily:
+        return _watched_daily(name, info, evidence, start, end)
     judged, learning = [], []
     kinds = {name: parts_of(name)[1] for name in evidence.charts}
     for name_, chart in evidence.charts.items():
@@ -101,6 +103,14 @@ def watch(name: str, info: ComponentInfo, evidence: Evidence, start: int, end: i
                 fit.append((output.meaning, quantity(error, output.unit, difference=True)))
     patience = 2 * DAY if ChartKind.CLUSTER in kinds.values() else DAY
     return Watch(name, info, _mean(judged), _mean(learning), max(times, default=None), tuple(fit), patience)
+
+
+def _watched_daily(name: str, info: ComponentInfo, evidence: Evidence, start: int, end: int) -> Watch:
+    """The same for equipment that is judged once a day: by the days that had a verdict."""
+    parts = [chart.between(start, end) for chart in evidence.charts.values()]
+    days = {int(t) for part in parts for t in part.time}
+    share = min(1.0, len(days) / max(1.0, (end - start) / DAY))
+    return Watch(name, info, share, 0.0, max(days, default=None), (), 2 * DAY)
 
 
 def _mean(shares: Sequence[float]) -> float:
@@ -128,6 +138,10 @@ def unmonitored(w: Watch, baseline: Baseline | None, site: SiteInfo, start: int,
 
 def _reason(w: Watch, baseline: Baseline | None, site: SiteInfo, start: int, end: int) -> tuple[str, str, str] | None:
     data = "Check the data connection, the sensors it reads and whether the machine was meant to be off."
+    if w.info.daily and w.last is None:
+        return "everything", "no day of this period allowed a judgement", data
+    if w.info.daily:
+        return None
     if baseline is None:
         fit = "Fit a baseline on a healthy stretch of data: fdd fit."
         return "everything", "it has no healthy baseline to compare with", fit

@@ -33,7 +33,7 @@ class ComponentInfo:
     """One piece of equipment as people know it.
 
     ``outputs`` maps symbol to (point, unit, meaning), ``parameters`` symbol to (unit, meaning); plain tuples will do.
-    ``model`` is the model's title in words.
+    ``model`` is the model's title in words; ``daily`` equipment is judged once a day, without a filter.
     """
 
     title: str
@@ -41,6 +41,7 @@ class ComponentInfo:
     outputs: Mapping[str, OutputInfo] = field(default_factory=dict)
     parameters: Mapping[str, ParameterInfo] = field(default_factory=dict)
     location: str = ""
+    daily: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "outputs", {s: OutputInfo(*o) for s, o in self.outputs.items()})

@@ -217,3 +217,27 @@ def test_a_rule_of_the_sites_own_rings_by_its_tolerance_and_has_its_share_of_the
 def test_a_rule_without_sense_is_refused_with_a_remedy(text: str, said: str) -> None:
     (found,) = [f for f in check_site(parse_site(SITE + text)) if f.severity == "error"]
     assert said in str(found)
+
+
+def test_the_report_tells_a_finding_of_rows_in_its_own_words(tmp_path: Path) -> None:
+    from fdd.service.site.site_context import open_site
+    from fdd.service.verbs.reporting import report_site
+
+    site = tmp_path / "site.yaml"
+    site.write_text(SITE)
+    context = open_site(site)
+    engine = Engine(context.plan, {})
+    got = [engine.step(batch([(FINE, 12.0), (LEAK, 14.0)])), engine.flush()]
+    store = context.store()
+    for outputs in got:
+        for rows in outputs.rows:
+            store.write(rows)
+        for alarm in outputs.alarms:
+            store.put("alarm", alarm.key, alarm_to_document(alarm))
+    store.close()
+    page = tmp_path / "report.html"
+    report_site(site, page)
+    text = page.read_text()
+    assert "gets hotter than its surroundings" in text
+    assert "no healthy baseline" not in text
+    assert "than its healthy model expects" not in text

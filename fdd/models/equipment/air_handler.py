@@ -198,11 +198,11 @@ MIXING = (BIAS_MIXED, BIAS_RETURN, BIAS_OUT)
 FAN_TERM = Term("fan", air.FAN_SD, "heat of the fan at full speed")
 AROUND = Term("around", 1.2, "how far the room around the unit is from return and outdoor air")
 
-SEAT = "close it by hand and feel both pipes behind it after half an hour: as warm as the room if it is tight"
+SEAT = "close the valve by hand and feel both pipes behind it after half an hour: as warm as the room if it is tight"
 COMPARE = (
     "with both valves shut, compare mixed and supply air: apart by the fan's warming only, 1 to 2 K, if both are tight"
 )
-STROKE = "command it from shut to open and watch the stem: it follows from stop to stop unless it is stuck"
+STROKE = "command the valve from shut to open and watch its stem: it follows from stop to stop unless it is stuck"
 
 FAULTS = (
     EquipmentFault(

@@ -436,7 +436,7 @@ class Daemon:
         pointers = versions_in_force(self._store)
         wanted = {name: pointers.get(name, version) for name, version in running.items()}
         changed = [n for n, v in wanted.items() if v != running[n] and (n, v) not in self._refused]
-        first = [(c.name, pointers[c.name]) for c in self.engine.plan.watched if c.name in pointers]
+        first = [(name, pointers[name]) for name in self.engine.plan.baseline_names if name in pointers]
         first = [f for f in first if f[0] not in running and f not in self._refused]
         if first:
             log.info("first baseline", components=[name for name, _ in first])

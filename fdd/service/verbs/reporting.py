@@ -14,7 +14,7 @@ from fdd.report.site import ComponentInfo, OutputInfo, ParameterInfo, SiteInfo
 from fdd.report.words import DAY
 from fdd.service.baselines.versions import in_force
 from fdd.service.site.errors import UsageError
-from fdd.service.site.plan import Chiller, Component
+from fdd.service.site.plan import Chiller, Component, RowEquipment
 from fdd.service.site.site_context import SiteContext, open_site
 
 Period = Literal["weekly", "monthly"]
@@ -29,7 +29,8 @@ def site_info(context: SiteContext, baselines: Mapping[str, Baseline] | None = N
         name=site.name,
         zone=site.zone,
         false_alarms_per_year=site.false_alarms_per_year,
-        components={c.name: _info(site, c) for c in plan.watched},
+        components={e.name: _rows_info(site, e) for e in plan.equipment}
+        | {c.name: _info(site, c) for c in plan.watched},
         tariffs=site.tariffs.model_dump(),
     )
 
@@ -44,6 +45,12 @@ _CHILLER = {
     "condenser_approach": ParameterInfo("K", "condenser approach"),
     "evaporator_approach": ParameterInfo("K", "evaporator approach"),
 }
+
+
+def _rows_info(site: Site, watched: RowEquipment) -> ComponentInfo:
+    equipment = site.equipment.get(watched.name)
+    title, place = (equipment.title, equipment.location) if equipment else ("", "")
+    return ComponentInfo(title or watched.name, watched.model.title, {}, {}, place, daily=True)
 
 
 def _info(site: Site, watched: Component | Chiller) -> ComponentInfo:
