@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from fdd.chiller_eiv.vector import VectorBaseline, learn_vector
 from fdd.records import NANOSECONDS, FloatArray, IntArray, JsonObject
 
 SCHEMA = 2
+LEAST_CLOSING = 0.5
+"""Share of points whose heat balance must close for parameters to be estimated from them."""
 
 
 @dataclass(frozen=True)
@@ -140,19 +142,29 @@ def learn_baseline(
     steady = steady or config.steady
     if not len(points):
         raise ChillerError(f"chiller {config.name!r}: no steady points; see the report of rejected samples")
-    x, cov = points.regressors(config.instruments, config.form().measured)
     window = round(max(3, round(steady.window / period)) * period * NANOSECONDS)
     vector = learn_vector(clusters_of(points, config, window), config.instruments, config.rated_load)
+    closing = points.closing(steady.balance)
+    balanced = closing.mean() >= LEAST_CLOSING
+    used = points.select(closing) if balanced else points
+    x, cov = used.regressors(config.instruments, config.form().measured)
     decision = gate(
         x,
         cov,
-        points.days(),
+        used.days(),
         options=config.fit_options(),
         limits=config.gate,
         leak=config.leak,
         scale=config.instruments.scales(),
     )
-    drift, note = _drift(points.time // WEEK, x, cov, decision, config)
+    if not balanced:
+        off = float(np.nanmedian(points.balance))
+        reason = (
+            f"the heat balance does not close (condenser {100 * off:+.0f} % of load and power, at most "
+            f"{100 * steady.balance:.0f} %): a meter is wrong"
+        )
+        decision = replace(decision, level=Level.RESIDUAL, reasons=(reason, *decision.reasons))
+    drift, note = _drift(used.time // WEEK, x, cov, decision, config)
     believed = decision.level is not Level.RESIDUAL
     return (
         ChillerBaseline(

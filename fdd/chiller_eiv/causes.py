@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from fdd.chiller_eiv.vector import FEATURES, Layout, VectorBaseline
-from fdd.records import FloatArray
+from fdd.records import FloatArray, IntArray
 
 NAMED = 0.8
 """Probability from which one cause is named."""
@@ -38,6 +38,8 @@ SENSORS: Mapping[str, tuple[float, float]] = {
     **dict.fromkeys(("T_sat_cd", "T_sat_ev", "T_liquid"), (1.5, 0.0)),
     "T_discharge": (4.0, 0.0),
     "T_oil": (5.0, 0.0),
+    "subcooling": (1.5, 0.0),
+    "superheat": (4.0, 0.0),
     "flow_ch": (0.0, 0.12),
     "flow_cd": (0.0, 0.12),
     "load": (0.0, 0.12),
@@ -148,6 +150,8 @@ def changed_readings(layout: Layout, raw: Mapping[str, float], change: FloatArra
         "T_liquid": sat_cd - cd * s["subcooling"],
         "T_discharge": sat_cd + lift * s["superheat"],
         "T_oil": s["T_oil"],
+        "subcooling": cd * s["subcooling"],
+        "superheat": lift * s["superheat"],
     }
     none = np.zeros_like(power)
     return np.stack([table.get(k, none) for k in layout.readings], axis=-1)
@@ -197,12 +201,13 @@ class Explanations:
         return whole - base, np.exp(each - whole)
 
 
-def explanations(baseline: VectorBaseline, raw: Mapping[str, float]) -> Explanations:
+def explanations(baseline: VectorBaseline, raw: Mapping[str, float], shown: IntArray) -> Explanations:
     """What could explain a change of the vector at one state.
 
     Parameters
     ----------
     raw : readings of the state, one number each
+    shown : indices of the features that are there, shape (q,); the others are left out
     """
     layout, jacobian = baseline.layout, baseline.jacobian(raw)
     sizes = np.array([FEATURES[k][1] for k in layout.features])
@@ -218,8 +223,8 @@ def explanations(baseline: VectorBaseline, raw: Mapping[str, float]) -> Explanat
         tuple(names),
         np.concatenate(owner),
         np.concatenate(weight),
-        np.concatenate([p[2] for p in parts]),
-        np.concatenate([p[3] for p in parts]),
+        np.concatenate([p[2] for p in parts])[:, shown],
+        np.concatenate([p[3] for p in parts])[:, shown[:, None], shown],
     )
 
 
@@ -233,7 +238,7 @@ def _fault_parts(
     table = np.stack([sign * library().at(kind, load) for kind, sign in FAULTS.values()])
     s = (changed_readings(layout, raw, table) @ jacobian.T).reshape(-1, 1, len(sizes))
     share = np.repeat([UNLIKE_MORE.get(kind, UNLIKE) for kind, _ in FAULTS.values()], table.shape[1])[:, None, None]
-    unlike = np.hypot(share * np.abs(s), UNLIKE_LEAST * np.max(np.abs(s) / sizes, axis=-1, keepdims=True) * sizes)
+    unlike = np.hypot(share * np.abs(s), UNLIKE_LEAST * np.nanmax(np.abs(s) / sizes, axis=-1, keepdims=True) * sizes)
     size = np.array(SEVERITIES)[None, :, None]
     along, beside = size / 2 * s, size * unlike
     spread = along[..., :, None] * along[..., None, :] + beside[..., None] ** 2 * np.eye(len(sizes))
@@ -242,7 +247,7 @@ def _fault_parts(
 
 
 def _sensor_parts(layout: Layout, raw: Mapping[str, float], jacobian: FloatArray) -> Parts:
-    usual = np.array([np.hypot(SENSORS[k][0], SENSORS[k][1] * raw[k]) for k in layout.readings])
+    usual = np.array([np.hypot(SENSORS[k][0], SENSORS[k][1] * raw.get(k, 0.0)) for k in layout.readings])
     direction = (jacobian * usual).T[:, None, :] * np.array([0.4, 1.0, 2.5])[None, :, None]
     p = len(jacobian)
     spread = (direction[..., :, None] * direction[..., None, :]).reshape(-1, p, p)

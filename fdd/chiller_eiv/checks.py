@@ -154,6 +154,8 @@ SENSOR_NAMES: Mapping[str, str] = {
     "T_liquid": "liquid line temperature",
     "T_discharge": "discharge temperature",
     "T_oil": "oil temperature",
+    "subcooling": "subcooling",
+    "superheat": "discharge superheat",
 }
 
 
@@ -184,9 +186,9 @@ def _changed(finding: VectorFinding, baseline: VectorBaseline) -> list[str]:
     """The features that changed beyond doubt, the clearest first, at most four."""
     z = finding.change / finding.sd
     words: list[str] = []
-    for i in np.argsort(-np.abs(z)):
+    for i in np.argsort(-np.abs(z)):  # NaN, of a feature that is gone, comes last
         name = baseline.layout.features[i]
-        if abs(z[i]) < 2 or len(words) == 4:
+        if not abs(z[i]) >= 2 or len(words) == 4:
             break
         direction = "up" if z[i] > 0 else "down"
         if FEATURES[name][0] == "share":

@@ -34,14 +34,17 @@ RAW_UNITS: Mapping[str, str] = {
     "T_liquid": "degC",
     "T_discharge": "degC",
     "T_oil": "degC",
+    "subcooling": "K",
+    "superheat": "K",
     "drive_ch": "any",
     "drive_cd": "any",
     "others": "1",
 }
 """What a chiller may have measured: condenser and chilled water entering (i) and leaving (o), their mass flows, a heat
 meter's load, electrical power, auxiliaries on the same meter, relative compressor speed, saturation temperatures of
-condenser and evaporator, liquid line, discharge and oil temperature; what drives the chilled and the condenser water
-pump (speed, power or command, in any unit), and how many other machines run on the same water."""
+condenser and evaporator, liquid line, discharge and oil temperature, or subcooling and discharge superheat as such;
+what drives the chilled and the condenser water pump (speed, power or command, in any unit), and how many other machines
+run on the same water."""
 
 
 @dataclass(frozen=True, slots=True)

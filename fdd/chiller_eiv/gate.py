@@ -84,8 +84,12 @@ class GateDecision:
         if self.level is Level.FULL:
             return "identifiable: entropy production, leak and resistance are all estimated"
         if self.level is Level.HELD:
-            return f"leak held at {self.fit.held['Q_leak']:.4g} W, because " + "; ".join(self.reasons)
-        return "not identifiable, because " + "; ".join(self.reasons)
+            return f"leak held at {self.fit.held['Q_leak']:.4g} W, because {self._because()}"
+        return f"not identifiable, because {self._because()}"
+
+    def _because(self) -> str:
+        more = len(self.reasons) - 1
+        return self.reasons[0] + (f" (and {more} more reason{'s' if more > 1 else ''})" if more else "")
 
 
 def effective_size(residual: FloatArray) -> float:
@@ -243,8 +247,12 @@ def _reasons(
     for p, w in widths.items():
         measures[f"{prefix}half-width {p}"] = w
         most = g.half_width.get(p)
-        if most is not None and not w <= most:
+        if most is None or w <= most:
+            continue
+        if np.isfinite(w):
             reasons.append(f"the interval of {p} is too wide (+-{100 * w:.0f} %, at most {100 * most:.0f} %)")
+        else:
+            reasons.append(f"one day does not tell how well {p} is known")
     for p, v in zip(fit.parameters, fit.estimate, strict=True):
         if p in ("dS", "R") and v <= 0 and "dS_speed" not in fit.parameters:
             reasons.append(f"{p} comes out {'negative' if v < 0 else 'zero'}, which no machine has")

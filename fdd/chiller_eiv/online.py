@@ -217,6 +217,7 @@ class ChillerMonitor:
         x, cov = np.zeros((0, m)), np.zeros((0, m, m))
         if len(week):
             week = week.select(np.isfinite(self.baseline.expected_power(week, self.config)))
+            week = week.select(week.closing(self.baseline.steady.balance))
             x, cov = week.regressors(self.config.instruments, drift.form.measured)
         return drift.update(stop, x, cov)
 

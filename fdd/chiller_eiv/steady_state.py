@@ -1,8 +1,8 @@
 """Steady-state points from raw building data, and an account of what was rejected and why.
 
 A moving window is accepted where every signal's standard deviation stays within a few sensor errors, its slope within a
-limit an hour, the machine has run for half an hour, its load is high enough, one machine is staged and the heat balance
-closes; it becomes one point (the averages) and the next window starts after it. Every raw sample ends up in a point
+limit an hour, the machine has run for half an hour, its load is high enough, and one machine
+is staged; it becomes one point (the averages) and the next window starts after it. Every raw sample ends up in a point
 or under exactly one reason.
 
 References: T.M. Rossi and J.E. Braun, HVAC&R Research 3 (1997); M. Kim et al., Int. J. Refrigeration 31 (2008);
@@ -33,7 +33,6 @@ REASONS = (
     "temperature drifts",
     "flow, load or power drifts",
     "load too low",
-    "heat balance does not close",
     "several machines staged",
     "no complete window left",
 )
@@ -47,7 +46,6 @@ REASONS = (
     DRIFTING_TEMPERATURE,
     DRIFTING_FLOW,
     LOW_LOAD,
-    UNBALANCED,
     STAGED,
     INCOMPLETE,
 ) = range(len(REASONS))
@@ -81,7 +79,7 @@ class SteadyLimits:
     relative_slope : of flow, load and power [1/h]
     settling : time after a start or a change of stage [s]
     least_load : part-load ratio below which points are dropped [1]; needs the rated load
-    balance : largest relative error of Q_cd = Q + E, where measured
+    balance : largest relative error of Q_cd = Q + E, where measured, of points that parameters are estimated from
     gap : longest time between two samples, in sampling periods
     noise : spread of a quiet window that the data themselves show, by quantity [K, or a share of the reading]
     """
@@ -136,6 +134,10 @@ class SteadyPoints:
             {k: v[which] for k, v in self.standard_error.items()},
             self.balance[which],
         )
+
+    def closing(self, limit: float) -> NDArray[np.bool_]:
+        """Whose heat balance closes within ``limit``, or is not measured, shape (n,)."""
+        return np.asarray(~(np.abs(self.balance) > limit))
 
     def days(self) -> IntArray:
         """Index of each point's day (UTC), 0 for the first day: the groups of the jackknife."""
@@ -502,7 +504,7 @@ def _scan(
     staged: bool,
 ) -> tuple[NDArray[np.int8], IntArray, int, int]:
     n = len(time)
-    reason = np.full(n, 11, dtype=np.int8)
+    reason = np.full(n, 10, dtype=np.int8)
     ends = np.empty(n // window + 1, dtype=np.int64)
     found = 0
     start = -1  # first sample of the current uninterrupted run that may serve
@@ -518,7 +520,7 @@ def _scan(
             began = time[i] - settling if settled and i == 0 else time[i]
             start = -1
         if others[i]:
-            reason[i] = 10
+            reason[i] = 9
             start = -1
             continue
         if time[i] - began < settling:
@@ -566,11 +568,10 @@ def _average(
 def _accept(
     points: SteadyPoints, instruments: Instrumentation, rated_load: float, limits: SteadyLimits
 ) -> tuple[NDArray[np.bool_], IntArray]:
-    """Tests that need the averages: part load and heat balance; fills in the balance."""
+    """The test that needs the averages, of part load; fills in the heat balance."""
     x, _ = points.regressors(instruments)
     load, electric = x[:, 2], x[:, 3]
     points.balance[:] = heat_balance(points.raw, load, electric, instruments.heat_capacity)
     why = np.zeros(len(points), dtype=np.int64)
-    why[np.abs(points.balance) > limits.balance] = UNBALANCED
     why[(load < limits.least_load * rated_load) | (electric <= 0)] = LOW_LOAD
     return why == KEPT, why

@@ -100,6 +100,8 @@ def study(
     end = baseline_end if baseline_end is not None else int(data.time[0] + config.baseline_days * DAY)
     baseline, decision, points, report = learn_from_samples(data.time, data.raw, config, end)
     healthy = points.select(points.time <= end)
+    closing = healthy.closing(baseline.steady.balance)
+    healthy = healthy.select(closing) if closing.any() else healthy
     x, cov = healthy.regressors(config.instruments, config.form().measured)
     tell("every estimator")
     fits: Mapping[str, ChillerFit] = {}
@@ -150,6 +152,7 @@ def _weekly(points: SteadyPoints, baseline: ChillerBaseline, config: ChillerConf
         return ()
     monitor = DriftMonitor(baseline.drift, config.form(), config.drift)
     points = points.select(np.isfinite(baseline.expected_power(points, config)))
+    points = points.select(points.closing(baseline.steady.balance))
     x, cov = points.regressors(config.instruments, config.form().measured)
     week = points.time // WEEK
     first = int(baseline.end // WEEK) + 1

@@ -38,6 +38,8 @@ READINGS = (
     "T_liquid",
     "T_discharge",
     "T_oil",
+    "subcooling",
+    "superheat",
 )
 """Sensors whose errors and changes the vector shows."""
 
@@ -59,6 +61,8 @@ SLOW: Mapping[str, tuple[float, float]] = {
     **dict.fromkeys(("T_sat_cd", "T_sat_ev", "T_liquid"), (0.15, 0.0)),
     "T_discharge": (0.6, 0.0),
     "T_oil": (0.8, 0.0),
+    "subcooling": (0.2, 0.0),
+    "superheat": (0.6, 0.0),
     "flow_ch": (0.0, 0.01),
     "flow_cd": (0.0, 0.01),
     "load": (0.0, 0.015),
@@ -130,6 +134,9 @@ class Layout:
             return _log(c * raw["flow_cd"] * (raw["T_cdo"] - raw["T_cdi"])) - _log(load + power)
         if name == "power":
             return _log(power)
+        direct = DIRECT.get(name)
+        if direct in self.readings:
+            return np.asarray(raw[direct])
         warm, cold = DIFFERENCES[name]
         return np.asarray(raw[warm] - raw[cold] if cold else raw[warm])
 
@@ -151,6 +158,9 @@ DIFFERENCES: Mapping[str, tuple[str, str]] = {
     "discharge superheat": ("T_discharge", "T_sat_cd"),
     "oil temperature": ("T_oil", ""),
 }
+
+DIRECT: Mapping[str, str] = {"subcooling": "subcooling", "discharge superheat": "superheat"}
+"""Differences that some plants read as such."""
 
 
 def _log(value: FloatArray) -> FloatArray:
@@ -205,19 +215,23 @@ class VectorBaseline:
         return float(np.sqrt(self.scatter[i, i] + self.slow[i, i]))
 
     def judged(self, raw: Mapping[str, FloatArray]) -> FloatArray:
-        """Which clusters lie in the trained box and have every reading, shape (n,) of bool."""
+        """Which clusters lie in the trained box and show anything, shape (n,) of bool."""
         drivers = self.layout.drive(raw)
         inside = np.all((drivers >= self.low) & (drivers <= self.high), axis=1)
         terms = _terms((drivers - self.centre) / self.scale)
         leverage = np.einsum("ni,ij,nj->n", terms, self.inverse, terms)
-        return np.asarray(inside & (leverage <= self.most) & np.isfinite(self.layout.vector(raw)).all(axis=1))
+        return np.asarray(inside & (leverage <= self.most) & np.isfinite(self.layout.vector(raw)).any(axis=1))
 
     def jacobian(self, raw: Mapping[str, float]) -> FloatArray:
-        """Change of the residual with each reading at one state, shape (p, r), by central differences."""
+        """Change of the residual with each reading at one state, shape (p, r), by central differences.
+
+        A feature whose reading is missing has a row of NaN.
+        """
         readings = self.layout.readings
-        step = np.array([1e-4 * max(abs(raw[k]), 1.0) for k in readings])
+        step = np.array([1e-4 * np.fmax(abs(raw.get(k, np.nan)), 1.0) for k in readings])
         moved = np.concatenate([np.diag(step), -np.diag(step)])
-        rows = {k: np.full(len(moved), v) for k, v in raw.items()}
+        needed = {*readings, *raw}
+        rows = {k: np.full(len(moved), raw.get(k, np.nan)) for k in needed}
         for i, k in enumerate(readings):
             rows[k] = rows[k] + moved[:, i]
         up, down = np.split(self.residual(rows), 2)
@@ -312,7 +326,9 @@ def layout_of(clusters: Clusters, instruments: Instrumentation, rated_load: floa
     if {"flow_cd", "T_cdo"} <= set(readings):
         features.append("heat balance")
     features.append("power")
-    features += [k for k, (warm, cold) in DIFFERENCES.items() if warm in readings and (not cold or cold in readings)]
+    for k, (warm, cold) in DIFFERENCES.items():
+        if DIRECT.get(k) in readings or (warm in readings and (not cold or cold in readings)):
+            features.append(k)
     chilled = "T_cho" if "T_cho" in readings else "T_chi"
     drivers = ["load", "T_cdi", *([chilled] if chilled in seen else [])]
     drivers += [k for k in ("drive_ch", "drive_cd") if k in raw and np.isfinite(raw[k]).mean() > 0.8]

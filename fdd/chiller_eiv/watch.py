@@ -13,7 +13,7 @@ import numpy as np
 
 from fdd.chiller_eiv.causes import Named, explanations, name_cause
 from fdd.chiller_eiv.clusters import Clusters, join_clusters
-from fdd.chiller_eiv.vector import FEATURES, VectorBaseline
+from fdd.chiller_eiv.vector import DIRECT, FEATURES, VectorBaseline
 from fdd.records import FloatArray, IntArray, JsonObject
 
 WINDOWS = (2, 3, 5, 9, 17, 33)
@@ -125,14 +125,21 @@ class VectorMonitor:
         Half the squared distance bounds it, which is enough far below the limit and once the alarm stands.
         """
         which = np.arange(len(self._residual))[-size:]
-        scatter = self.baseline.scatter
-        strange = np.linalg.solve(common + scatter, self._residual[which].T)
-        which = np.delete(which, int(np.argmax((self._residual[which].T * strange).sum(0))))
-        change, covariance = self._residual[which].mean(0), common + scatter / len(which)
+        shown = self._shown(which)
+        block = np.ix_(shown, shown)
+        common, scatter = common[block], self.baseline.scatter[block]
+        residual = self._residual[which][:, shown]
+        strange = (residual.T * np.linalg.solve(common + scatter, residual.T)).sum(0)
+        which = np.delete(which, int(np.argmax(strange)))
+        change, covariance = self._residual[which][:, shown].mean(0), common + scatter / len(which)
         bound = 0.5 * float(change @ np.linalg.solve(covariance, change))
         if self._alarm or bound < 0.5 * self.limit:
             return bound
-        return max(explanations(self.baseline, self._state(which)).evidence(change, covariance)[0], 0.0)
+        return max(explanations(self.baseline, self._state(which), shown).evidence(change, covariance)[0], 0.0)
+
+    def _shown(self, which: IntArray) -> IntArray:
+        """Features that all of these clusters have; a sensor that is gone takes its own features along only."""
+        return np.flatnonzero(np.isfinite(self._residual[which]).all(axis=0))
 
     def _common(self, which: IntArray) -> FloatArray:
         return self.baseline.common(self.baseline.jacobian(self._state(which)))
@@ -145,19 +152,27 @@ class VectorMonitor:
     def _find(self) -> VectorFinding:
         """Since when, and what, from the clusters that share the change."""
         assert self._recent is not None
-        n = len(self._residual)
-        length = _since(self._residual, self._common(np.arange(n)), self.baseline)
-        which = np.arange(n - length, n)
-        change = self._residual[which].mean(0)
-        covariance = self._common(which) + self.baseline.scatter / length
+        n, b = len(self._residual), self.baseline
+        everything = np.arange(n)
+        shown = self._shown(everything[-WINDOWS[-1] :])
+        block = np.ix_(shown, shown)
+        newest = int(np.isfinite(self._residual[::-1][:, shown]).all(axis=1).cumprod().sum())
+        broad = np.array([FEATURES[b.layout.features[i]][1] ** 2 for i in shown])
+        common = self._common(everything)[block]
+        length = _since(self._residual[n - newest :][:, shown], common, b.scatter[block], np.diag(broad))
+        which = everything[n - length :]
+        change = self._residual[which][:, shown].mean(0)
+        covariance = self._common(which)[block] + b.scatter[block] / length
         state = self._state(which)
-        e = explanations(self.baseline, state)
+        e = explanations(b, state, shown)
         named = name_cause(e.names, e.evidence(change, covariance)[1])
         onset = int(self._recent.start[which[0]])
         if self.finding is not None and self.finding.onset < int(self._recent.start[0]):
             onset = self.finding.onset  # older than what is remembered
-        bias = _bias(self.baseline, state, named.cause, change, covariance)
-        return VectorFinding(named, onset, length, change, np.sqrt(np.diagonal(covariance)), bias)
+        bias = _bias(b, state, named.cause, shown, change, covariance)
+        whole, sd = np.full((2, len(b.layout.features)), np.nan)
+        whole[shown], sd[shown] = change, np.sqrt(np.diagonal(covariance))
+        return VectorFinding(named, onset, length, whole, sd, bias)
 
     def export_state(self) -> JsonObject:
         """Plain data."""
@@ -191,33 +206,38 @@ class VectorMonitor:
 
 
 def _bias(
-    baseline: VectorBaseline, state: dict[str, float], cause: str, change: FloatArray, covariance: FloatArray
+    baseline: VectorBaseline,
+    state: dict[str, float],
+    cause: str,
+    shown: IntArray,
+    change: FloatArray,
+    covariance: FloatArray,
 ) -> str:
     """How far a sensor is off if it alone explains the change, in words."""
     quantity = cause.removesuffix(" sensor")
     if quantity == cause or quantity not in baseline.layout.readings:
         return ""
-    direction = baseline.jacobian(state)[:, baseline.layout.readings.index(quantity)]
+    direction = baseline.jacobian(state)[shown, baseline.layout.readings.index(quantity)]
     weighted = np.linalg.solve(covariance, direction)
     off = float(weighted @ change) / float(weighted @ direction)
     way = "high" if off > 0 else "low"
-    if quantity.startswith("T_"):
+    if quantity.startswith("T_") or quantity in DIRECT.values():
         return f", {abs(off):.2g} K too {way}"
     return f", {100 * abs(off / (state[quantity] - off)):.0f} % too {way}"
 
 
-def _since(residual: FloatArray, common: FloatArray, baseline: VectorBaseline) -> int:
+def _since(residual: FloatArray, common: FloatArray, scatter: FloatArray, any_change: FloatArray) -> int:
     """Newest clusters that share one change: the split into "healthy before, changed since" of the largest likelihood.
 
     Before it the mean is a slow error's, since then anything's; from cluster to cluster both scatter alike.
     """
-    n, p = len(residual), residual.shape[1]
-    broad = common + np.diag([FEATURES[k][1] ** 2 for k in baseline.layout.features])
-    white = np.linalg.solve(np.linalg.cholesky(baseline.scatter), residual.T).T
+    n = len(residual)
+    broad = common + any_change
+    white = np.linalg.solve(np.linalg.cholesky(scatter), residual.T).T
     since = np.arange(1, n + 1)
-    total = _fit_of(white[::-1], residual[::-1], broad, baseline.scatter)[since]
-    total = total + _fit_of(white, residual, common, baseline.scatter)[n - since]
-    return int(since[int(np.argmax(total))]) if p else n
+    total = _fit_of(white[::-1], residual[::-1], broad, scatter)[since]
+    total = total + _fit_of(white, residual, common, scatter)[n - since]
+    return int(since[int(np.argmax(total))])
 
 
 def _fit_of(white: FloatArray, residual: FloatArray, spread: FloatArray, scatter: FloatArray) -> FloatArray:

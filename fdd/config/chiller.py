@@ -28,6 +28,8 @@ MEANINGS: Mapping[str, str] = {
     "T_liquid": "liquid line temperature",
     "T_discharge": "discharge temperature of the compressor",
     "T_oil": "oil temperature",
+    "subcooling": "subcooling of the liquid, where T_liquid is not given",
+    "superheat": "superheat of the discharge gas, where T_discharge is not given",
     "drive_ch": "speed, power or command of the chilled water pump, in any unit",
     "drive_cd": "speed, power or command of the condenser water pump, in any unit",
     "others": "how many other machines run on the same water",

@@ -106,17 +106,18 @@ def test_what_is_not_steady_is_rejected_for_its_reason(disturb, reason: str) -> 
     )
 
 
-def test_a_heat_balance_that_does_not_close_is_rejected() -> None:
+def test_a_heat_balance_that_does_not_close_is_told_and_costs_no_point() -> None:
     time, raw = steady()
     raw["T_cdo"] = raw["T_cdi"] + 5.0
     raw["flow_cd"] = np.full(len(time), 1.15 * (419e3 + 80e3) / 4190 / 5)
-    points, report = run(time, raw)
-    assert len(points) == 0
-    assert report.counts()["heat balance does not close"] == 180
+    points, _ = run(time, raw)
+    assert len(points) == 4
+    assert not points.closing(0.08).any()
     raw["flow_cd"] /= 1.15
     points, _ = run(time, raw)
     assert len(points) == 4
     assert np.all(np.abs(points.balance) < 0.03)
+    assert points.closing(0.08).all()
 
 
 def test_a_second_machine_on_the_same_flow_is_rejected() -> None:

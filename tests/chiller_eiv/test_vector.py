@@ -296,3 +296,23 @@ def test_points_at_like_drivers_are_one_cluster_one_by_one_or_together() -> None
         clustering = other
     assert clustering.tick(int(time[-1]) + 3 * HOUR) is not None
     assert [int(p.end[0]) for p in parts] == whole.end[:2].tolist()
+
+
+def test_a_sensor_that_is_gone_takes_only_its_own_features_along(plant: Plant) -> None:
+    rng = np.random.default_rng(2)
+    raw = readings(plant.machine, conditions(rng, 12), Sensors(), rng, Fault(flow_cd=-0.1))
+    raw["T_oil"] = np.full(12, np.nan)
+    raw["T_liquid"][6:] = np.nan
+    found = watch(plant.baseline, clusters(raw))[-1].finding
+    assert found is not None
+    assert found.named.cause == "low condenser flow"
+    assert "condenser flow down" in describe(found, plant.baseline, "2025-03-03").sentence
+
+
+def test_differences_that_a_plant_reads_as_such_are_watched_alike(plant: Plant) -> None:
+    rng = np.random.default_rng(2)
+    raw = readings(plant.machine, conditions(rng, 40), Sensors(), rng)
+    raw["subcooling"] = raw["T_sat_cd"] - raw.pop("T_liquid")
+    raw["superheat"] = raw.pop("T_discharge") - raw["T_sat_cd"]
+    baseline = learn_vector(clusters(raw), INSTRUMENTS, RATED)
+    assert {"subcooling", "discharge superheat"} <= set(baseline.layout.features)
