@@ -1,4 +1,4 @@
-"""Every acceptance figure of the chiller method: bias, coverage, self-calibration, drift charts, speed.
+"""Every acceptance figure of the chiller method: bias, coverage, self-calibration, drift charts, speed, steady states.
 
 Run: python -m benchmarks.chiller_eiv [--quick] [--json]
 """
@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from benchmarks.chiller_states import field, intervals, simulated
 from benchmarks.common import arguments, context, figure, report
 from fdd.chiller_eiv.drift import (
     WEEK,
@@ -288,6 +289,8 @@ def main() -> None:
     figures |= statistics(a.quick)
     figures |= drift(a.quick)
     figures |= speed(a.quick)
+    for part in (intervals, field, simulated):
+        figures |= part(a.quick)
     about = context(
         repeats=500 if a.quick else 4000,
         drift_years=100 if a.quick else 240,

@@ -26,7 +26,7 @@ GROUPED = 0.3
 
 SEVERITIES = (0.7, 2.0, 5.0)
 """Middles of the sizes a fault may have, in units of its signature; each spreads by half of itself."""
-UNLIKE = 0.25
+UNLIKE = 0.2
 """Relative difference between a real machine's signature and a simulated one's, feature by feature."""
 UNLIKE_MORE: Mapping[str, float] = {"low charge": 0.5, "high charge": 0.5, "oil excess": 0.5}
 """... where machines disagree: where the charge stands, and what oil does to which exchanger."""

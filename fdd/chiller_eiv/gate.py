@@ -142,7 +142,7 @@ def gate(
     common = _common_reasons(measures, day, g)
     first = [*common, *_reasons(x, cov, day, free, o, g, measures, "")]
     if not first:
-        return GateDecision(Level.FULL, (), measures, _with_scale(free, x, cov, day, o, scale or {}))
+        return GateDecision(Level.FULL, (), measures, with_scale(free, x, cov, day, o, scale or {}))
     if "Q_leak" in o.held:
         return GateDecision(Level.RESIDUAL, tuple(first), measures, free)
     value = leak if leak is not None else max(free.values()["Q_leak"], 0.0)
@@ -152,7 +152,7 @@ def gate(
     if not second:
         if leak is None:
             held = _marginal(held, free)
-        return GateDecision(Level.HELD, tuple(first), measures, _with_scale(held, x, cov, day, fixed, scale or {}))
+        return GateDecision(Level.HELD, tuple(first), measures, with_scale(held, x, cov, day, fixed, scale or {}))
     more = [f"with the leak held, {r}" for r in second if r not in first]
     return GateDecision(Level.RESIDUAL, (*first, *more), measures, free)
 
@@ -168,7 +168,7 @@ def _marginal(held: ChillerFit, free: ChillerFit) -> ChillerFit:
     return _widened(held, sd)
 
 
-def _with_scale(
+def with_scale(
     fit: ChillerFit, x: FloatArray, cov: FloatArray, day: IntArray, o: FitOptions, scale: Mapping[str, float]
 ) -> ChillerFit:
     """A fit whose intervals hold declared scale errors too: what each does to the estimate, in quadrature."""

@@ -10,7 +10,7 @@ sensors, carried through one Jacobian; the last two never average out. Outside t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import combinations_with_replacement
 from typing import Any
 
@@ -185,6 +185,7 @@ class VectorBaseline:
     sensors : slow error of each reading, shape (r,)
     clusters : it was learned from
     rate : clusters a year [1/a]
+    typical : mean readings
     notes : what is not watched, and what to add
     """
 
@@ -201,6 +202,7 @@ class VectorBaseline:
     sensors: FloatArray
     clusters: int
     rate: float
+    typical: Mapping[str, float]
     notes: tuple[str, ...] = ()
 
     def residual(self, raw: Mapping[str, FloatArray]) -> FloatArray:
@@ -242,6 +244,17 @@ class VectorBaseline:
         through = jacobian * self.sensors
         return np.asarray(self.slow + through @ through.T)
 
+    @property
+    def looks(self) -> float:
+        """Clusters a year as far as they are independent [1/a].
+
+        What never averages out holds for a week; clusters of one week share it and only differ by the rest.
+        """
+        weeks = 365.25 / 7
+        shared = np.diagonal(self.common(self.jacobian(self.typical)))
+        own = 1 - float(np.min(shared / (shared + np.diagonal(self.scatter))))
+        return float(min(self.rate, weeks + max(self.rate - weeks, 0.0) * own))
+
     def export_state(self) -> JsonObject:
         """Plain data."""
         return {**{k: getattr(self, k) for k in self.__dataclass_fields__}, "layout": asdict(self.layout)}
@@ -257,6 +270,7 @@ class VectorBaseline:
             most=float(state["most"]),
             clusters=int(state["clusters"]),
             rate=float(state["rate"]),
+            typical={k: float(v) for k, v in state["typical"].items()},
             notes=tuple(state["notes"]),
         )
 
@@ -293,7 +307,7 @@ def learn_vector(clusters: Clusters, instruments: Instrumentation, rated_load: f
     scatter, slow = _scatter(left_out, block)
     leverage = np.einsum("ni,ij,nj->n", terms, inverse, terms)
     years = max(int(c.end[-1] - c.start[0]) / DAY, 1.0) / 365.25
-    return VectorBaseline(
+    baseline = VectorBaseline(
         layout=layout,
         centre=centre,
         scale=scale,
@@ -307,8 +321,17 @@ def learn_vector(clusters: Clusters, instruments: Instrumentation, rated_load: f
         sensors=layout.slow_sd(instruments, c.raw),
         clusters=len(c),
         rate=len(c) / years,
+        typical={k: float(np.mean(v[np.isfinite(v)])) for k, v in c.raw.items() if np.isfinite(v).any()},
         notes=(*notes, *more),
     )
+    return replace(baseline, slow=_beyond(slow, baseline))
+
+
+def _beyond(seen: FloatArray, baseline: VectorBaseline) -> FloatArray:
+    """What clusters differed by from week to week beyond slow errors of sensors, which count by themselves, (p, p)."""
+    through = baseline.jacobian(baseline.typical) * baseline.sensors
+    value, vector = np.linalg.eigh(seen - through @ through.T)
+    return np.asarray(vector @ np.diag(np.maximum(value, 0.0)) @ vector.T)
 
 
 def layout_of(clusters: Clusters, instruments: Instrumentation, rated_load: float) -> tuple[Layout, tuple[str, ...]]:

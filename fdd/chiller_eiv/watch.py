@@ -1,8 +1,8 @@
 """The chart of a chiller's vectors: evidence for any fault against health, over windows of clusters.
 
-The statistic is the log of a likelihood ratio. While the machine is healthy such a ratio exceeds A with a probability
-of at most 1/A (Ville 1939), so that the limit follows from the false alarms a year and the clusters a year alone. A
-window counts without its strangest cluster: one odd state is no alarm.
+The statistic is the log of a likelihood ratio, the mean over windows. While the machine is healthy such a ratio exceeds
+A with a probability of at most 1/A (Ville 1939), so that the limit follows from the false alarms and the independent
+clusters a year alone. A window counts without its strangest cluster: one odd state is no alarm.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class VectorMonitor:
 
     def __init__(self, baseline: VectorBaseline, false_alarms: float) -> None:
         self.baseline = baseline
-        self.limit = float(np.log(len(WINDOWS) * max(baseline.rate, 1.0) / false_alarms))
+        self.limit = float(np.log(max(baseline.looks, 1.0) / false_alarms))
         self.seen = 0
         self.judged = 0
         self.reset()
@@ -114,7 +114,9 @@ class VectorMonitor:
     def _chart(self) -> None:
         n = len(self._residual)
         common = self._common(np.arange(n)[-WINDOWS[-1] :])
-        self._statistic = max((self._window(m, common) for m in WINDOWS if m <= n), default=0.0)
+        # Which window holds a fault is not known: the mean of their ratios is a ratio too.
+        logs = [self._window(m, common) for m in WINDOWS if m <= n]
+        self._statistic = max(float(np.logaddexp.reduce(logs) - np.log(len(logs))), 0.0) if logs else 0.0
         self._alarm = self._alarm or self._statistic >= self.limit
         if self._alarm:
             self.finding = self._find()
@@ -135,7 +137,7 @@ class VectorMonitor:
         bound = 0.5 * float(change @ np.linalg.solve(covariance, change))
         if self._alarm or bound < 0.5 * self.limit:
             return bound
-        return max(explanations(self.baseline, self._state(which), shown).evidence(change, covariance)[0], 0.0)
+        return explanations(self.baseline, self._state(which), shown).evidence(change, covariance)[0]
 
     def _shown(self, which: IntArray) -> IntArray:
         """Features that all of these clusters have; a sensor that is gone takes its own features along only."""

@@ -43,7 +43,8 @@ class Machine:
     drive : share of electric power that reaches the gas [1]; the rest warms the room
     charge_to_condenser : share of a change of charge that floods condenser tubes; the rest wets evaporator tubes [1]
     wetting : loss of evaporator conductance per lost charge on its side [1]
-    gas_blanket : loss of condenser conductance per volume share of gas [1]
+    gas_gather : share of gas in the condenser over its share in the machine, because vapour sweeps it there [1]
+    gas_blanket : loss of condenser conductance per volume share of gas in the condenser [1]
     oil_film, oil_drag, oil_heat : of a doubled oil charge: loss of evaporator conductance [1], of efficiency [1], and
         rise of the oil temperature [K]
     oil_share : place of the oil temperature between evaporating and discharge temperature [1]
@@ -66,7 +67,8 @@ class Machine:
     drive: float = 0.96
     charge_to_condenser: float = 0.5
     wetting: float = 0.6
-    gas_blanket: float = 10.0
+    gas_gather: float = 2.0
+    gas_blanket: float = 6.0
     oil_film: float = 0.2
     oil_drag: float = 0.06
     oil_heat: float = 6.0
@@ -79,7 +81,7 @@ class Fault:
 
     Attributes
     ----------
-    gas : non-condensable gas in the condenser, share of its volume
+    gas : non-condensable gas, share of the machine's volume
     fouling_cd, fouling_ev : loss of the exchangers' conductance [1]
     flow_cd, flow_ch : relative change of the water flows [1]
     charge, oil : relative change of refrigerant and oil charge [1]
@@ -216,18 +218,19 @@ def steady_state(machine: Machine, condition: Condition, fault: Fault | None = N
     liquid = x.liquid_part * max(1 + 3.0 * on_condenser, 0.0)
     tubes = 1 - 0.08 * (liquid / x.liquid_part - 1)
     health = (1 - fault.efficiency) * (1 - machine.oil_drag * fault.oil)
+    gas = machine.gas_gather * fault.gas
     electric = 0.2 * load
     T_cd = T_read = T_discharge = T_liquid = np.nan
     for _ in range(ROUNDS):
         rejected = load + machine.drive * electric
         share = machine.water_share_cd
         resistance = share * (m_cd / x.flow_cd) ** -0.8 + (1 - share) * (rejected / x.rejected) ** (1 / 3)
-        UA_cd = x.UA_cd / resistance * tubes * (1 - fault.fouling_cd) / (1 + machine.gas_blanket * fault.gas)
+        UA_cd = x.UA_cd / resistance * tubes * (1 - fault.fouling_cd) / (1 + machine.gas_blanket * gas)
         T_cd = condition.T_cdi + rejected / (WATER * m_cd) / -np.expm1(-UA_cd / (WATER * m_cd))
         subcooling = (T_cd - condition.T_cdi) * -np.expm1(-liquid * x.rejected / rejected * 0.8)
         if not (T_cd > T_ev + 3 and T_cd < 80 and T_ev > -20):
             raise CycleError(f"condensing at {T_cd:.1f} and evaporating at {T_ev:.1f} degC: no state of this machine")
-        found = _compress(machine, load, T_ev, T_cd, fault.gas, subcooling, condition.load, health)
+        found = _compress(machine, load, T_ev, T_cd, gas, subcooling, condition.load, health)
         done = abs(found[0] - electric) < 1e-9 * electric
         electric, T_discharge, T_read, T_liquid = found
         if done:
@@ -277,7 +280,8 @@ def random_machine(rng: np.random.Generator, *, wide: float = 1.0) -> Machine:
         drive=between(0.93, 0.99),
         charge_to_condenser=between(0.3, 0.8),
         wetting=between(0.3, 1.0),
-        gas_blanket=between(3.0, 18.0),
+        gas_gather=between(1.2, 3.0),
+        gas_blanket=between(2.0, 8.0),
         oil_film=between(0.1, 0.4),
         oil_drag=between(0.03, 0.10),
         oil_heat=between(3.0, 9.0),
