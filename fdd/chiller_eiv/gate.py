@@ -214,7 +214,8 @@ def _common_reasons(m: Mapping[str, float], day: IntArray, g: GateLimits) -> lis
     reasons = []
     days = len(np.unique(day))
     if days < g.days:
-        reasons.append(f"only {days} days have steady points ({g.days} are needed)")
+        have = "day has" if days == 1 else "days have"
+        reasons.append(f"only {days} {have} steady points ({g.days} are needed)")
     if m["load spread"] < g.load_spread:
         reasons.append(f"the load hardly moves (95th to 5th percentile {m['load spread']:.2f}, {g.load_spread} needed)")
     if m["independent points"] < g.independent_points:

@@ -216,6 +216,21 @@ class VectorBaseline:
         i = self.layout.features.index("power")
         return float(np.sqrt(self.scatter[i, i] + self.slow[i, i]))
 
+    def part_load(self) -> dict[float, float]:
+        """Expected power per load [1] at 100, 75, 50 and 25 % of the rated load, at the mean of the other drivers.
+
+        Loads outside what was learned are left out.
+        """
+        i, at = self.layout.drivers.index("load"), self.layout.features.index("power")
+        found = {}
+        for share in (1.0, 0.75, 0.5, 0.25):
+            if self.low[i] <= share <= self.high[i]:
+                drivers = self.centre.copy()
+                drivers[i] = share
+                expected = _terms(((drivers - self.centre) / self.scale)[None]) @ self.coefficients
+                found[share] = float(np.exp(expected[0, at])) / (share * self.layout.rated_load)
+        return found
+
     def judged(self, raw: Mapping[str, FloatArray]) -> FloatArray:
         """Which clusters lie in the trained box and show anything, shape (n,) of bool."""
         drivers = self.layout.drive(raw)

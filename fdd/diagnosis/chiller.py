@@ -124,8 +124,8 @@ def _cost(cost: ExtraCost, currency: str) -> JsonObject:
         "kWh_per_day": cost.energy_day,
         "kWh_per_day_half_width": half,
         "kind": "energy",
-        "basis": f"{cost.energy_day:.0f} kWh a day more than the healthy machine at the same load and temperatures "
-        f"(give or take {half:.0f})",
+        "basis": f"{abs(cost.energy_day):.0f} kWh a day {'more' if cost.energy_day > 0 else 'less'} than the healthy "
+        f"machine at the same load and temperatures (give or take {half:.0f})",
     }
     if not np.isfinite(cost.money_day) or not cost.energy_day:
         return told | {"why": no_price("electricity")}

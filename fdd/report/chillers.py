@@ -22,7 +22,7 @@ LEVELS = {
     "all parameters": "All parameters can be told from its data and are watched week by week.",
     "internal loss and resistance, leak held": "Internal loss and resistance are watched week by week; "
     "the leak is held at its baseline",
-    "power residual only": "Its parameters cannot be identified; its power at given load and temperatures is watched",
+    "power residual only": "Its parameters cannot be identified; its steady states are watched",
 }
 
 

@@ -427,6 +427,60 @@ def test_a_history_without_steady_points_has_no_baseline(fouled: Lab) -> None:
         learn_chiller(context.plan, context.plan.chillers[0], history)
 
 
+LABORATORY = """
+name: Test stand
+step: 1 min
+store: {kind: sqlite, path: stand.sqlite}
+source: {kind: csv, path: normal.csv, time: {column: time}}
+points:
+  T_chi: {unit: degC, sensor_sd: 0.05}
+  T_cho: {unit: degC, sensor_sd: 0.05}
+  T_cdi: {unit: degC, sensor_sd: 0.05}
+  T_cdo: {unit: degC, sensor_sd: 0.05}
+  flow_ch: {unit: kg/s}
+  flow_cd: {unit: kg/s}
+  power: {unit: W}
+equipment:
+  stand:
+    model: gordon_ng
+    inputs: {T_chi: T_chi, T_cho: T_cho, T_cdi: T_cdi, T_cdo: T_cdo, flow_ch: flow_ch, flow_cd: flow_cd, power: power}
+    options: {rated_load: 1.0e6, errors: {flow_ch: {relative: 0.01}, power: {relative: 0.01}}}
+"""
+
+
+def test_one_day_on_a_test_stand_is_learned_and_flow_faults_are_named_the_next_week(tmp_path: Path) -> None:
+    """The usual seven points, twenty states of half an hour; the default options of a stranger's first site file."""
+    pytest.importorskip("CoolProp", reason="the simulated chiller needs the extra 'fluids'")
+    from fdd.plant.chiller_cycle import Fault
+    from fdd.plant.chiller_operation import REFRIGERANT, conditions, readings, record, running_machine, sensors
+
+    rng = np.random.default_rng(5)
+    machine = running_machine(rng)
+    (tmp_path / "site.yaml").write_text(LABORATORY)
+    cases = {"normal": None, "again": None, "low": Fault(flow_cd=-0.1), "chilled": Fault(flow_ch=-0.1)}
+    for week, (name, fault) in enumerate(cases.items()):
+        raw = record(readings(machine, conditions(rng, 24), sensors(rng), rng, fault), rng, hold=22, rise=10)
+        time = pd.Timestamp("2024-01-01", tz="UTC") + pd.to_timedelta(
+            7 * 1440 * week + np.arange(len(raw["power"])), "min"
+        )
+        kept = {k: v for k, v in raw.items() if k not in REFRIGERANT}
+        table = pd.DataFrame({"time": time.strftime("%Y-%m-%dT%H:%M:%SZ"), **kept})
+        table.to_csv(tmp_path / f"{name}.csv", index=False, float_format="%.5g")
+    path = tmp_path / "site.yaml"
+    (found,) = fit_site(path, None, since=None, until=None, only=None, html=None, starts=1, console=QUIET)
+    assert "kW per ton" in found.summary()
+    told = {}
+    for name in ("again", "low", "chilled"):
+        data = tmp_path / f"{name}.csv"
+        result = replay_site(path, data, since=None, until=None, verdicts=None, console=QUIET)
+        told[name] = list(result.alarms.values())
+    assert told["again"] == []
+    for name, cause in (("low", "low condenser flow"), ("chilled", "low chilled-water flow")):
+        (alarm,) = told[name]
+        assert {c["name"]: c.get("likelihood") for c in alarm.causes}[cause] >= 0.7
+        assert alarm.raised - alarm.since <= 5 * 32 * 60 * 10**9
+
+
 def test_filters_do_not_notice_a_chiller_beside_them(fouled: Lab, healthy: Truth) -> None:
     alone = plan()
     chiller = fouled.context.plan.chillers[0]

@@ -47,6 +47,9 @@ class FittedChiller:
             f"  watched in {v.clusters} clusters of like states: {', '.join(v.layout.features)}; power within "
             f"{100 * v.power_cv:.1f} % of states left out (CV(RMSE))"
         )
+        ton = 3.51685  # kW of cooling in a ton of refrigeration
+        table = ", ".join(f"{100 * share:.0f} % {ton * each:.3f}" for share, each in v.part_load().items())
+        lines.append(f"  expected kW per ton at the mean temperatures, by load: {table or 'no such load was seen'}")
         steady = self.learned.steady
         lines.append(f"  steady: {steady.window / 60:g} min, {steady.settling / 60:g} min after a start")
         lines.append("  samples by reason: " + ", ".join(f"{k} {n}" for k, n in self.report.counts().items() if n))
