@@ -89,6 +89,7 @@ class ChillerMonitor:
         self._times: list[int] = []
         self._last: int | None = None
         self._points: list[SteadyPoints] = []
+        self._today: list[SteadyPoints] = []
         self._hours: list[float] = []
         self._last_week: int | None = None
         self._kept = 0
@@ -103,6 +104,7 @@ class ChillerMonitor:
         self._states = VectorMonitor(baseline.vector, c.residual_false_alarms)
         self._drift = None if baseline.drift is None else DriftMonitor(baseline.drift, c.form(), c.drift)
         self._isolated: tuple[Isolation, int] | None = None
+        self._costs: ExtraCost | None = None
 
     def update(self, time: int, values: Mapping[str, float]) -> tuple[ChillerOutputs, ...]:
         """Take one sample of every quantity.
@@ -144,7 +146,7 @@ class ChillerMonitor:
         self._states.reset()
         if self._drift is not None:
             self._drift.reset()
-        self._isolated = None
+        self._isolated, self._costs = None, None
 
     def _close(self, now: int, last: bool = False) -> ChillerOutputs:
         """Close the hour of the samples held; ``now`` is when the next one came."""
@@ -158,8 +160,12 @@ class ChillerMonitor:
         self._kept += int(points.samples.sum())
         self._seen += len(time)
         if len(points):
-            self._points.append(points)
-        self._points = [p for p in self._points if p.time[-1] > end - RECENT_WEEKS * WEEK]
+            self._today.append(points)
+        closes_day = last or now // DAY != int(time[0]) // DAY
+        if closes_day:
+            recent = [p for p in self._points if p.time[-1] > end - RECENT_WEEKS * WEEK]
+            self._points = [*recent, join(self._today)] if self._today else recent
+            self._today = []
         states = self._judge(end, points, last)
         weekly = self._close_weeks(now)
         expected = self.baseline.expected_power(points, self.config) if len(points) else np.zeros(0)
@@ -177,8 +183,8 @@ class ChillerMonitor:
             since=since,
             finding=finding,
             sensors=sensors,
-            cost=self._cost(end, since) if news else None,
-            closes_day=last or now // DAY != int(time[0]) // DAY,
+            cost=self._cost(end, since, closes_day or weekly is not None) if news else None,
+            closes_day=closes_day,
             kept=self._kept,
             seen=self._seen,
             judged=self._states.judged,
@@ -212,7 +218,8 @@ class ChillerMonitor:
 
     def _chart_week(self, drift: DriftMonitor, stop: int) -> DriftVerdict:
         """A week's points, those within what the machine was trained on."""
-        week = join([p for p in self._points if stop - WEEK <= p.time[-1] < stop])
+        week = join([*self._points, *self._today])
+        week = week.select((week.time >= stop - WEEK) & (week.time < stop))
         m = len(drift.form.measured)
         x, cov = np.zeros((0, m)), np.zeros((0, m, m))
         if len(week):
@@ -236,10 +243,17 @@ class ChillerMonitor:
         return told.onset, finding, None
 
     def _since(self, onset: int) -> SteadyPoints:
-        return join([p for p in self._points if p.time[-1] > onset])
+        points = join([p for p in (*self._points, *self._today) if p.time[-1] > onset])
+        return points.select(points.time > onset)
 
-    def _cost(self, end: int, since: int | None) -> ExtraCost | None:
-        recent = join([p for p in self._points if p.time[-1] > max(end - WEEK, since or 0)])
+    def _cost(self, end: int, since: int | None, anew: bool) -> ExtraCost | None:
+        """Told anew once a day and with each week's verdict."""
+        if anew or self._costs is None:
+            self._costs = self._extra(end, since)
+        return self._costs
+
+    def _extra(self, end: int, since: int | None) -> ExtraCost | None:
+        recent = self._since(max(end - WEEK, since or 0))
         if not len(recent):
             return None
         expected = self.baseline.expected_power(recent, self.config)
@@ -266,12 +280,14 @@ class ChillerMonitor:
             "last": self._last,
             "hours": list(self._hours),
             "points": export_points(self._points),
+            "today": export_points(self._today),
             "stream": self._stream.export_state(),
             "clustering": self._clustering.export_state(),
             "states": self._states.export_state(),
             "drift": None if self._drift is None else self._drift.export_state(),
             "last_week": self._last_week,
             "isolated": None if self._isolated is None else [asdict(self._isolated[0]), self._isolated[1]],
+            "costs": None if self._costs is None else asdict(self._costs),
             "kept": self._kept,
             "seen": self._seen,
         }
@@ -292,6 +308,7 @@ class ChillerMonitor:
         self._last = None if state["last"] is None else int(state["last"])
         self._hours = [float(h) for h in state["hours"]]
         self._points = points_of_state(state["points"])
+        self._today = points_of_state(state["today"])
         self._stream.restore_state(state["stream"])
         self._clustering.restore_state(state["clustering"])
         self._states.restore_state(state["states"])
@@ -302,6 +319,7 @@ class ChillerMonitor:
         if state["isolated"] is not None:
             isolation, onset = state["isolated"]
             self._isolated = (Isolation(**isolation), int(onset))
+        self._costs = None if state["costs"] is None else ExtraCost(**state["costs"])
         self._kept, self._seen = int(state["kept"]), int(state["seen"])
 
 

@@ -7,7 +7,7 @@ clusters a year alone. A window counts without its strangest cluster: one odd st
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from fdd.records import FloatArray, IntArray, JsonObject
 
 WINDOWS = (2, 3, 5, 9, 17, 33)
 """Clusters in a window; one of them, the strangest, does not count."""
+SETTLED = 8
+"""Clusters since the onset from which on a finding is renewed with every so many only."""
 KEPT = 64
 """Clusters that are remembered, to date and name what stands."""
 
@@ -118,7 +120,10 @@ class VectorMonitor:
         logs = [self._window(m, common) for m in WINDOWS if m <= n]
         self._statistic = max(float(np.logaddexp.reduce(logs) - np.log(len(logs))), 0.0) if logs else 0.0
         self._alarm = self._alarm or self._statistic >= self.limit
-        if self._alarm:
+        if not self._alarm:
+            return
+        # Words settle soon: what stands for long is looked at again now and then.
+        if self.finding is None or self.finding.clusters < SETTLED or self.judged % SETTLED == 0:
             self.finding = self._find()
 
     def _window(self, size: int, common: FloatArray) -> float:
@@ -186,7 +191,7 @@ class VectorMonitor:
             "residual": self._residual.copy(),
             "statistic": self._statistic,
             "alarm": self._alarm,
-            "onset": 0 if self.finding is None else self.finding.onset,
+            "finding": None if self.finding is None else asdict(self.finding),
             "seen": self.seen,
             "judged": self.judged,
         }
@@ -202,9 +207,12 @@ class VectorMonitor:
         self._statistic, self._alarm = float(state["statistic"]), bool(state["alarm"])
         self.seen, self.judged = int(state["seen"]), int(state["judged"])
         self.finding = None
-        if self._alarm:
-            self.finding = self._find()
-            self.finding = replace(self.finding, onset=int(state["onset"]))
+        f = state["finding"]
+        if f is not None:
+            n = f["named"]
+            named = Named(**{**n, "ranked": tuple((str(k), float(p)) for k, p in n["ranked"])})
+            arrays = {k: np.asarray(f[k], dtype=float) for k in ("change", "sd")}
+            self.finding = VectorFinding(**{**f, "named": named, **arrays})
 
 
 def _bias(
