@@ -87,6 +87,12 @@ def _lost() -> str:
     return _now(_points("counts", "value", where) + '\n  |> spread()\n  |> group(columns: ["site"])\n  |> sum()')
 
 
+def _problems() -> str:
+    """How many problems kept the service from watching throughout the range, a series a site."""
+    where = 'r.component == "service" and r.name == "problems"'
+    return _now(_points("health", "value", where) + '\n  |> group(columns: ["site"])\n  |> min()')
+
+
 RULES: tuple[Rule, ...] = (
     Rule(
         "fdd-alarm",
@@ -119,6 +125,16 @@ RULES: tuple[Rule, ...] = (
         range_seconds=6 * 3600,
         lasting="1h",
         severity="medium",
+    ),
+    Rule(
+        "fdd-not-watching",
+        "Fault detection does not watch",
+        "Something has kept the service of {{ $labels.site }} from watching for 15 minutes; fdd status says what",
+        _problems(),
+        above=0,
+        range_seconds=900,
+        lasting="0s",
+        severity="critical",
     ),
     Rule(
         "fdd-spool",

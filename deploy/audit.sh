@@ -31,7 +31,7 @@ except (OSError, ValueError):
     sys.exit("NOT AUDITED: pip-audit gave no result; its database cannot be reached from here")
 skipped = [d["name"] for d in found if "skip_reason" in d]
 weak = {d["name"]: [v["id"] for v in d["vulns"]] for d in found if d.get("vulns")}
-print(f"audited: {len(found) - len(skipped)} of {len(found)} packages; vulnerable: {weak or 'none'}")
+print(f"audited: {len(found) - len(skipped)} of {len(found)} packages; vulnerable among these: {weak or 'none'}")
 if skipped:
     print(f"NOT AUDITED: {len(skipped)} packages that the vulnerability database did not answer for, such as "
           f"{', '.join(skipped[:5])}; run this again where it can be reached")

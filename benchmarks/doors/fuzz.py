@@ -206,6 +206,12 @@ _CSV = (
 )
 
 
+_COMMANDS = (
+    b'{"action": "shelve", "alarm": "hx@2026-03-01T10:00:00Z", "for": "8 h", "comment": "part ordered"}',
+    b'{"action": "clear", "alarm": "hx@2026-03-01T10:00:00Z", "by": "anna"}',
+)
+
+
 def _parquet(compression: str) -> bytes:
     import pandas as pd
 
@@ -222,6 +228,14 @@ def _workbook() -> bytes:
     times = pd.date_range("2026-01-01", periods=50, freq="5min")
     pd.DataFrame({"time": times, "T": 20.0, "flow": 0.5, "on": True}).to_excel(out, index=False)
     return out.getvalue()
+
+
+def _question(payload: bytes) -> object:
+    """What the desk makes of a command before anything is journaled."""
+    from fdd.service.alarms.authority import Authority
+    from fdd.service.daemon.commands import command_of
+
+    return Authority().check(command_of(payload, "anna", 1_700_000_000_000_000_000))
 
 
 def _file_reader(kind: str, name: str) -> Callable[[bytes], object]:
@@ -245,6 +259,8 @@ def targets() -> list[Target]:
     from fdd.config import ConfigError
     from fdd.config.load import parse_site
     from fdd.expressions import ExpressionError, compile_expression
+    from fdd.service.alarms.authority import CommandError
+    from fdd.service.daemon.commands import QuestionError
     from fdd.units import UnitError, conversion, density, seconds
     from ingest.history import History, read_answer
     from ingest.message import MalformedMessage, decode
@@ -267,6 +283,7 @@ def targets() -> list[Target]:
     return [
         Target("message", decode, _MESSAGE, (MalformedMessage,)),
         Target("history answer", answer, answers, (MalformedMessage,)),
+        Target("operator's question", _question, _COMMANDS, (QuestionError, CommandError, UnitError)),
         Target("history question", history.answer, (b'{"have":{"plant/9f2c":1}}', b"{}"), ()),
         Target(
             "mqtt json",

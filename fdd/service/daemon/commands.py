@@ -209,7 +209,7 @@ class Desk:
         if not question.payload:
             every = question.parameters.get("all", "false").lower() in ("true", "1", "yes")
             return {"site": self._site, "alarms": alarms(every)}
-        command = self._authority.check(_command(question.payload, question.person, now))
+        command = self._authority.check(command_of(question.payload, question.person, now))
         self._authority.permit(command.actor, command.action)
         outcome, alarm = obey(command)
         return {"site": self._site, "outcome": outcome, "alarm": alarm}
@@ -226,7 +226,13 @@ def key_of(site: Site) -> str:
     return f"fdd/{''.join(c if c.isalnum() or c in '-_.' else '-' for c in site.name)}/alarms"
 
 
-def _command(payload: bytes, person: str, now: int) -> Command:
+def command_of(payload: bytes, person: str, now: int) -> Command:
+    """The command in a question's payload, of the person whose key was used, at wall clock ``now`` [ns].
+
+    Raises
+    ------
+    QuestionError, UnitError : it cannot be understood.
+    """
     example = '{"action": "acknowledge", "alarm": "KEY"}'
     if not person:
         raise QuestionError("commands are taken at KEY/as/NAME, where NAME is who asks")
