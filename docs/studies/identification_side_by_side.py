@@ -211,7 +211,7 @@ HEAD = """# Identification side by side with other programs
 
 Written by `python docs/studies/identification_side_by_side.py`; `--check` computes every number of ours anew and compares. The other programs' numbers
 come from their own runs and publications (CTSM 2.3, ctsmTMB, pySIP, dynamax, statsmodels, exact matrix-exponential filters); ours are shown to as many
-digits. How long each takes: [kernels](../benchmarks/2026-11-21-kernels.md). Tests are in `tests/greybox/`; gradients are tested, too.
+digits. How long each takes: [kernels](../benchmarks/kernels.md). Tests are in `tests/greybox/`; gradients are tested, too.
 
 """
 TABLE = "| case | what | program | theirs | ours | test |\n|---|---|---|---:|---:|---|\n"
