@@ -101,6 +101,7 @@ def test_alarms_are_listed_explained_acknowledged_and_cleared_without_a_daemon(s
     assert (one["state"], one["history"][-1]["comment"]) == ("acknowledged", "on my way")
     assert "done" in run("alarms", "clear", site, handle).stdout
     assert handle not in [a["handle"] for a in said("alarms", "list", site)["alarms"]]
+    assert run("replay", site, "--store").exit_code == 0  # a study may follow a study, whatever was said between them
     assert run("report", site, "--out", str(Path(site).with_name("again.html"))).exit_code == 0
 
 
@@ -135,6 +136,18 @@ def test_a_study_beside_a_running_daemon_is_refused(site: str) -> None:
     with pytest.raises(UsageError, match="another daemon"):
         run("study", site)
     lock.close()
+
+
+def test_a_study_never_replaces_what_a_daemon_has_come_to(site: str) -> None:
+    context = open_site(Path(site))
+    store = context.store()
+    store.put("run", "daemon", {**(store.get("run", "daemon") or {}), "batch": False})
+    store.close()
+    before = context.checkpoint_path.read_bytes()
+    for verb in (["study", site], ["replay", site, "--store"]):
+        with pytest.raises(UsageError, match="state of this site's daemon"):
+            run(*verb)
+    assert context.checkpoint_path.read_bytes() == before
 
 
 def test_a_split_outside_the_data_is_refused(site: str) -> None:

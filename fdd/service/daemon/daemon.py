@@ -107,6 +107,7 @@ class Daemon:
         self._outcome = DONE
         self._store_problem = ""
         self._ended = False
+        self.batch = False
         self.samples = 0
         self.frames = 0
 
@@ -342,6 +343,7 @@ class Daemon:
             "pid": os.getpid(),
             "host": socket.gethostname(),
             "ended": self._ended,
+            "batch": self.batch,
             "wall": now,
             "samples": self.samples,
             "frames": self.frames,

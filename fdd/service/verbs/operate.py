@@ -160,6 +160,7 @@ def _carried_out(context: SiteContext, store: Store, left: str) -> str | None:
     try:
         engine, authority = ready_engine(context), Authority.of(context.site)
         daemon = Daemon(engine, store, checkpoint, authority=authority, trail=trail)
+        daemon.batch = bool((store.get("run", "daemon") or {}).get("batch"))
         daemon.recover()
         daemon.carry_out()
     finally:

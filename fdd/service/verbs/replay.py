@@ -22,8 +22,10 @@ from fdd.service.daemon.daemon import Daemon
 from fdd.service.daemon.lock import StateLock
 from fdd.service.daemon.ready import ready_engine
 from fdd.service.engine.engine import Engine, Outputs
+from fdd.service.site.errors import UsageError
 from fdd.service.site.feed import Feed
 from fdd.service.site.site_context import SiteContext, open_site
+from fdd.store.store import Store
 
 HOUR = 3600 * NANOSECONDS
 
@@ -149,10 +151,17 @@ class Kept:
     def __init__(self, context: SiteContext, engine: Engine) -> None:
         self._lock = StateLock(context.checkpoint_path)
         self._store = context.store()
+        try:
+            refuse_to_forget(context, self._store)
+        except UsageError:
+            self._store.close()
+            self._lock.close()
+            raise
         for file in files_of(context.checkpoint_path):
             file.unlink(missing_ok=True)
         self._checkpoint = Checkpoint(context.checkpoint_path)
         self._daemon = Daemon(engine, self._store, self._checkpoint)
+        self._daemon.batch = True
         self._before = {a["key"]: a for a in self._store.list("alarm") if a["state"] != AlarmState.CLEARED}
 
     def keep(self, outputs: Outputs, samples: int) -> None:
@@ -175,6 +184,21 @@ class Kept:
         self._checkpoint.close()
         self._store.close()
         self._lock.close()
+
+
+def refuse_to_forget(context: SiteContext, store: Store) -> None:
+    """Refuse to replace what a daemon on live sources has come to.
+
+    Raises
+    ------
+    UsageError : the state beside the store is a daemon's, and not an earlier study's
+    """
+    run = store.get("run", "daemon")
+    if context.checkpoint_path.exists() and run is not None and not run.get("batch"):
+        raise UsageError(
+            f"{context.checkpoint_path} is the state of this site's daemon, which a study would replace; give the "
+            "study a site file with a store of its own, or remove that file if the daemon is to start afresh"
+        )
 
 
 def _take(result: ReplayResult, outputs: Outputs, lines: TextIO | None, kept: Kept | None = None) -> None:

@@ -21,7 +21,7 @@ from fdd.service.site.site_context import SiteContext, open_site
 from fdd.service.verbs.check import check_all
 from fdd.service.verbs.operate import stored_alarms
 from fdd.service.verbs.quality import RecordQuality
-from fdd.service.verbs.replay import ReplayResult, replay_site
+from fdd.service.verbs.replay import ReplayResult, refuse_to_forget, replay_site
 from fdd.service.verbs.reporting import report_site
 
 LONGEST_BASELINE = 28 * 86400 * NANOSECONDS
@@ -109,7 +109,7 @@ def study_site(
             f"{quality.used:.0%} of the samples and {quality.span_used:.0%} of the span can be used: "
             f"{'; '.join(f.words for f in quality.faults[:3])}. See fdd check; to go on all the same: --anyway"
         )
-    StateLock(context.checkpoint_path).close()  # before hours are spent: a daemon may write to this store
+    _refuse_early(context)
     chosen = watched_of(context)
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("reading", total=len(chosen))
@@ -132,6 +132,16 @@ def study_site(
         study.reports = report_site(site_file, out, pdf=pdf, since=iso(split), until=iso(end))
     study.verdicts = _verdicts(context, study.replay, reasons)
     return study
+
+
+def _refuse_early(context: SiteContext) -> None:
+    """Before hours are spent: a daemon may write to this store, or have left its state there."""
+    StateLock(context.checkpoint_path).close()
+    store = context.store()
+    try:
+        refuse_to_forget(context, store)
+    finally:
+        store.close()
 
 
 class MostlyLostError(UsageError):
