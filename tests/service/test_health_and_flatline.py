@@ -131,6 +131,21 @@ def test_colour_that_the_baseline_had_does_not_ring(long: Truth, known: dict[str
     assert run(truth, watched(truth)).alarms.open == ()
 
 
+def test_model_asks_once_for_a_new_baseline_and_again_only_of_the_next(long: Truth, known: dict[str, Baseline]) -> None:
+    """The room swings for good; cleared without a new baseline, its model's charts rest, also after a restart."""
+    truth = with_south(long, coloured(long, (LEARNING + 2) * DAY))
+    e = run(truth, known, (LEARNING + 5) * DAY)
+    (alarm,) = e.alarms.open
+    e.command(Command(alarm.key, "clear", "anna", 0))
+    again = Engine(plan(), known)
+    again.restore_state(e.export_state())
+    for engine in (e, again):
+        assert engine.step(truth.batch((LEARNING + 5) * DAY, (LEARNING + 7) * DAY)).alarms == []
+    e.rebase({"south": replace(known["south"], version=2)})
+    e.step(truth.batch((LEARNING + 7) * DAY))
+    assert [kind_of(a) for a in e.alarms.open] == ["model"]
+
+
 def test_new_baseline_ends_the_alarm_of_the_model(long: Truth, known: dict[str, Baseline]) -> None:
     truth, p = with_south(long, coloured(long, (LEARNING + 1) * DAY)), plan()
     e = run(truth, known, (LEARNING + 7) * DAY)

@@ -28,7 +28,7 @@ from fdd.service.monitoring.chillers import ChillerDay, Chillers
 from fdd.service.monitoring.row_monitors import RowMonitors, RowsDay
 from fdd.service.site.plan import Chiller, Component, Plan, RowEquipment
 
-SCHEMA = 11
+SCHEMA = 12
 DAY = 86400 * NANOSECONDS
 REMEMBERED = 9 * DAY  # how long after its onset an alarm is diagnosed anew every day
 _NONE = np.empty(0)  # what a site without filters concatenates

@@ -8,7 +8,7 @@ others get what their limits cannot use.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -59,12 +59,16 @@ class Charts:
         self._edges = np.cumsum([0, *(len(f.streams) for f in self._families)])
         self._phase = np.zeros(len(self.streams), dtype=np.uint8)
         self._standing = np.zeros(len(self.streams), dtype=np.bool_)
+        # What has asked for a new baseline and was cleared: it rests until there is one, for asking again is no news.
+        self._asked = np.zeros(len(self.streams), dtype=np.bool_)
         self._held: frozenset[str] = frozenset()
 
     def update(self, steps: Sequence[GroupStep]) -> ChartStep:
         """Feed one frame to every chart; say which have just passed their limits."""
         said = [f.update(steps) for f in self._families]
         verdicts = Verdicts(*(np.concatenate([getattr(v, f.name) for v in said]) for f in fields(Verdicts)))
+        if self._asked.any():
+            verdicts = replace(verdicts, phase=np.where(self._asked, np.uint8(Phase.NO_DATA), verdicts.phase))
         alarm = verdicts.phase == Phase.ALARM
         normal = ~alarm | (verdicts.statistic < NORMAL * verdicts.limit)
         # A chart stays in alarm until it is reset; one whose evidence was gone and has come back rings again.
@@ -138,7 +142,10 @@ class Charts:
         return bool(step.normal[self._of[name]].all())
 
     def reset(self, component: str, kind: str = PLANT) -> None:
-        """An operator has cleared the component's alarm; after one of the plant, those of its model start again too."""
+        """An operator has cleared the component's alarm; after one of the plant, those of its model start again too.
+
+        After one of the model its charts rest until there is a new baseline, which is what it has asked for.
+        """
         which = np.zeros(len(self.streams), dtype=np.bool_)
         for each in {kind, MODEL}:
             which[self._of[subject(component, each)]] = True
@@ -146,10 +153,13 @@ class Charts:
             family.reset(which[start:stop])
         self._phase = np.where(which, np.uint8(Phase.QUIET), self._phase)
         self._standing &= ~which
+        if kind == MODEL:
+            self._asked |= which
         self._hold()
 
     def rebase(self, components: set[str]) -> None:
         """These components have new baselines; each family says what it starts again, and limits follow the budget."""
+        self._asked &= np.array([s.component not in components for s in self.streams], dtype=np.bool_)
         for i, (arl, families) in enumerate(zip(_budgets(self._plan, self._groups), self._kinds, strict=True)):
             if arl != self._allotted[i]:
                 self._allotted[i] = arl
@@ -167,6 +177,7 @@ class Charts:
             "families": [f.export_state() for f in self._families],
             "phase": self._phase.copy(),
             "standing": self._standing.copy(),
+            "asked": self._asked.copy(),
         }
 
     def restore_state(self, state: JsonObject) -> None:
@@ -175,6 +186,7 @@ class Charts:
             family.restore_state(saved)
         self._phase = np.array(state["phase"], dtype=np.uint8)
         self._standing = np.array(state["standing"], dtype=np.bool_)
+        self._asked = np.array(state["asked"], dtype=np.bool_)
         self._hold()
 
 
