@@ -44,7 +44,8 @@ _WORDS = (
     *(b"\n", b"\r", b"\t", b";", b"*a", b"&a ", b"!!", b"<<: ", b"%", b"../", b"1/0", b"2**62", b"4611686018427387904"),
     *(b"1.2.3", b"[K]", b"degC"),
 )
-_MOST_BYTES = 300_000
+# YAML is parsed at some 150 kB a second: more would measure the length of the file.
+_SITE_BYTES = 60_000
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,7 @@ class Target:
     read: Callable[[bytes], object]
     examples: Sequence[bytes]
     errors: tuple[type[Exception], ...]
+    most_bytes: int = 300_000
 
 
 @dataclass
@@ -93,8 +95,8 @@ def _alarm(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGVTALRM, before)
 
 
-def mutant(example: bytes, others: Sequence[bytes], chance: random.Random) -> bytes:
-    """An example with one to eight wounds."""
+def mutant(example: bytes, others: Sequence[bytes], chance: random.Random, most_bytes: int) -> bytes:
+    """An example with one to eight wounds, cut to so many bytes."""
     data = bytearray(example)
     for _ in range(chance.choice((1, 1, 1, 2, 3, 8))):
         at, end = sorted((chance.randrange(len(data) + 1), chance.randrange(len(data) + 1)))
@@ -114,7 +116,7 @@ def mutant(example: bytes, others: Sequence[bytes], chance: random.Random) -> by
             case _:
                 other = chance.choice(others)
                 data[at:at] = other[chance.randrange(len(other) + 1) :][:200]
-    return bytes(data[:_MOST_BYTES])
+    return bytes(data[:most_bytes])
 
 
 def run(target: Target, cases: int, seed: int) -> Outcome:
@@ -124,7 +126,7 @@ def run(target: Target, cases: int, seed: int) -> Outcome:
         target.read(example)  # what is valid must be read: otherwise every mutant is refused, and nothing is tested
     before = resident_peak()
     for _ in range(cases):
-        payload = mutant(chance.choice(target.examples), target.examples, chance)
+        payload = mutant(chance.choice(target.examples), target.examples, chance, target.most_bytes)
         begun = clock.process_time()  # a busy machine is no slow door
         try:
             with _alarm(2 * HANG_SECONDS):
@@ -296,7 +298,7 @@ def targets() -> list[Target]:
         Target("duration", text(seconds), _DURATIONS, (UnitError,)),
         Target("fluid", text(density), _FLUIDS, (UnitError,)),
         Target("expression", text(lambda t: compile_expression(t, _POINT_UNITS)), _EXPRESSIONS, (ExpressionError,)),
-        Target("site file", text(parse_site), _SITE, (ConfigError,)),
+        Target("site file", text(parse_site), _SITE, (ConfigError,), _SITE_BYTES),
         Target("csv", _file_reader("csv", "a.csv"), _CSV, (Refused,)),
         Target("csv.gz", _file_reader("csv", "a.csv.gz"), tuple(gzip.compress(c) for c in _CSV), (Refused,)),
         Target("xlsx", _file_reader("excel", "a.xlsx"), (_workbook(),), (Refused,)),
