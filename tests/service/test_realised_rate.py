@@ -56,7 +56,7 @@ def test_engine_counts_the_time_in_which_charts_could_judge() -> None:
     """Fourteen days, of which two without any sample; the same after a restart."""
     history = simulate(Course(28), 4)
     end = START + 14 * DAY * NANOSECONDS
-    site = replace(plan(), budget=2.0)
+    site = replace(plan(), false_alarms_per_year=2.0)
     first = identify(site, site.components[0], history.between(None, end))[0]
     days = history.between(end, None)
     rows = [(t, r) for t, r in zip(days.time.tolist(), days.values.tolist(), strict=True)

@@ -43,8 +43,8 @@ def on_probation(plan: Plan, component: Component, baseline: Baseline, history: 
     A gross departure in these weeks freezes what is learned, and is told as ``alarms``.
     """
     share = component.weight / sum(c.weight for c in plan.components)
-    budget = plan.false_alarms_per_year * share
-    alone = replace(plan, components=(component,), chillers=(), false_alarms_per_year=budget)
+    budget = plan.filters_per_year * share
+    alone = replace(plan, components=(component,), chillers=(), false_alarms_per_year=budget, apart_per_year=0.0)
     group = FilterGroup([component], {component.name: baseline}, plan.columns, hold=plan.hold, max_gap=plan.max_gap)
     charts = Charts(alone, [group])
     run = history.between(since - SETTLE * DAY, None)

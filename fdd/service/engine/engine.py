@@ -107,13 +107,13 @@ class Engine:
     def realised_rate(self) -> JsonObject:
         """What was kept of the budget of false alarms; see :func:`fdd.service.alarms.realised_rate.realised_rate`."""
         seconds = self._judged * self.plan.step / NANOSECONDS
-        return realised_rate(self.alarms.tally, self.alarms.open, seconds, self.plan.promised)
+        return realised_rate(self.alarms.tally, self.alarms.open, seconds, self.plan.false_alarms_per_year)
 
     @property
     def promised(self) -> dict[tuple[str, str], float]:
         """False alarms a year that each component, and each kind of its charts, may give; rows and chillers as one."""
         rows = {(e.name, "rows"): e.false_alarms_per_year for e in self._rows}
-        left = self.plan.promised - self.plan.false_alarms_per_year - sum(rows.values())
+        left = self.plan.apart_per_year - sum(rows.values())
         chillers = {(c.name, "chiller"): left / len(self.plan.chillers) for c in self._chillers}
         return {**self._charts.promised, **chillers, **rows}
 

@@ -214,7 +214,7 @@ def _budget(
         return {}
     weights = [c.weight * share[c.name] for c, _ in components]
     total = sum(weights) / sum(c.weight for c, _ in components)
-    each = spread(total * plan.false_alarms_per_year, weights, plan.step / NANOSECONDS)
+    each = spread(total * plan.filters_per_year, weights, plan.step / NANOSECONDS)
     return {c.name: float(frames * n) for (c, n), frames in zip(components, each, strict=True)}
 
 

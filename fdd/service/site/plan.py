@@ -135,8 +135,8 @@ class RowEquipment:
 class Plan:
     """All the engine needs to know; times in ns.
 
-    ``false_alarms_per_year`` is what the components may give, ``budget`` what they, the chillers and the equipment that
-    is watched by rows may give together; ``zone`` is where its days begin and end.
+    ``false_alarms_per_year`` is the promise for the whole plant; ``apart_per_year`` is what chillers and equipment
+    that is watched by rows have of it to themselves, ``filters_per_year`` what is left for the charts on filters.
     """
 
     site: str
@@ -155,12 +155,12 @@ class Plan:
     tariffs: Mapping[str, float | str | None] = field(default_factory=dict)
     learning: int = 28 * 86400 * NANOSECONDS
     deadband: float = 0.0
-    budget: float | None = None
+    apart_per_year: float = 0.0
 
     @property
-    def promised(self) -> float:
-        """False alarms a year of the whole plant."""
-        return self.false_alarms_per_year if self.budget is None else self.budget
+    def filters_per_year(self) -> float:
+        """False alarms a year that the charts on filters may give."""
+        return self.false_alarms_per_year - self.apart_per_year
 
     @property
     def watched(self) -> tuple[Component | Chiller, ...]:
@@ -245,8 +245,8 @@ def plan_of(site: Site) -> Plan:
         deadband=site.reidentify.deadband if site.reidentify else 0.0,
         max_jump=_nanoseconds(site.max_jump),
         hold=_nanoseconds(site.hold),
-        false_alarms_per_year=site.false_alarms_per_year * (1 - chillers_share(site) - rows_share(site)),
-        budget=site.false_alarms_per_year,
+        false_alarms_per_year=site.false_alarms_per_year,
+        apart_per_year=site.false_alarms_per_year * (chillers_share(site) + rows_share(site)),
         points=tuple(site.measured),
         derived=tuple(derived),
         components=tuple(components),

@@ -244,7 +244,7 @@ class Counter:
         self._hidden: set[str] = set()
         # Components whose primary chart has once judged: their probation is over.
         self._ready = {c for c, _ in self._promised if (c, PRIMARY) not in self._promised}
-        self.audit = Audit(engine.plan.site, engine.plan.promised, engine.baselines)
+        self.audit = Audit(engine.plan.site, engine.plan.false_alarms_per_year, engine.baselines)
 
     def take(self, outputs: Outputs) -> None:
         """Count one step's outputs, then look at what is open."""
