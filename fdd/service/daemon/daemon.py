@@ -379,7 +379,7 @@ class Daemon:
             heard=self._feed.heard if self._feed else {},
             blind=self.engine.blind(BLIND),
             store=spool_problem or self._store_problem,
-            failures=sum(self._failures.values()) + (self._desk.dropped if self._desk else 0),
+            failures=sum(self._failures.values()) + self._checkpoint.buried + (self._desk.dropped if self._desk else 0),
         )
 
     def _health_rows(self, status: JsonObject) -> list[Rows]:

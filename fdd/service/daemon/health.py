@@ -9,11 +9,10 @@ source silent        a source has said nothing for :data:`FRAMES` steps and five
 clock                samples are dated ahead of this machine's clock, or this clock stands behind them
 store                results wait on disk, or the store's file has gone
 blind                a component's filter has not run for a day of event time
-failing              what goes on beside detection (commands, jobs, status) failed in the last hour
+failing              in the last hour what goes on beside detection failed, or a journal entry was set aside
 ===================  ===============================================================================================
 
-Entries that were buried and states that were stepped back from are told, too, but leave the service healthy: it
-watches on.
+States that were stepped back from are told, too, but leave the service healthy: it watches on.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ class Health:
     _since: dict[str, float] = field(default_factory=dict)
     _frames: tuple[int, float] | None = None
     _counts: deque[tuple[float, int, int]] = field(default_factory=deque)
-    _failures: tuple[int, float] = (0, float("-inf"))
+    _failures: tuple[int, float] | None = None
     _dated: int = 0
 
     def look(
@@ -110,7 +109,9 @@ class Health:
         return f"{more} samples were dated ahead of this machine's clock: one of the two is wrong" if more > 0 else ""
 
     def _failing(self, now: float, failures: int) -> str:
-        if failures != self._failures[0]:
+        if self._failures is None:
+            self._failures = (failures, float("-inf"))  # what was counted before this process is no news
+        elif failures != self._failures[0]:
             self._failures = (failures, now)
-        recent = failures and now - self._failures[1] < FAILING_SECONDS
-        return f"{failures} failures beside detection; the log says which" if recent else ""
+        recent = now - self._failures[1] < FAILING_SECONDS
+        return f"{failures} failures, or journal entries set aside, so far; the log says which" if recent else ""
