@@ -22,6 +22,8 @@ from fdd.records import JsonObject
 
 CONTRADICTS = 6.0
 """Log-odds that a ringing row which a cause does not explain takes from it, at most: rows are not infallible."""
+LARGEST = 1.5
+"""A command or status above this is no share."""
 SHOWN = 0.01
 """Causes less likely than this are not told."""
 
@@ -115,8 +117,25 @@ class Verdict:
         return bool(self.tests) or self.bank_ratio is not None
 
 
+class ShareError(ValueError):
+    """A signal that is no share; the text says which, and what to do."""
+
+
 def examine(model: EquipmentModel, day: Day) -> Examined:
-    """Reduce a day to what is judged and learned."""
+    """Reduce a day to what is judged and learned.
+
+    Raises
+    ------
+    ShareError : a command, position or status that goes beyond 1
+    """
+    # A rule's own value has no names, and may be any number.
+    for role in (r for r in model.roles if r.unit == "1" and r.names and r.symbol in day):
+        top = np.nanmax(day[role.symbol], initial=0.0)
+        if top > LARGEST:
+            raise ShareError(
+                f"{role.symbol} ({role.meaning}) reads up to {top:g}, and goes from 0 to 1; give its point the unit "
+                "'%', or map it to a derived point, such as STATUS > 1.5"
+            )
     return Examined(tuple(statistics(model, day)), None if model.form is None else bank.blocks(model.form, day))
 
 

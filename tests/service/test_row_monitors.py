@@ -241,3 +241,14 @@ def test_the_report_tells_a_finding_of_rows_in_its_own_words(tmp_path: Path) -> 
     assert "gets hotter than its surroundings" in text
     assert "no healthy baseline" not in text
     assert "than its healthy model expects" not in text
+
+
+def test_per_cent_without_a_unit_is_said_with_a_remedy() -> None:
+    day = batch([(FINE, 30.0)])
+    cool = np.asarray(day.point) == day.names.index("ahu.cool")
+    engine = Engine(plan(), {})
+    got = [engine.step(replace(day, value=np.where(cool, 100 * day.value, day.value))), engine.flush()]
+    assert last(got) == {}
+    assert engine.counts["equipment failed: ahu (ShareError)"] == 1
+    assert engine.notes[0].startswith("ahu: cool (cooling valve position) reads up to 8")
+    assert "give its point the unit '%'" in engine.notes[0]

@@ -8,7 +8,7 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
-from fdd.diagnosis.equipment import Examined, Knowledge, examine, teach
+from fdd.diagnosis.equipment import Examined, Knowledge, ShareError, examine, teach
 from fdd.diagnosis.evidence import ENOUGH
 from fdd.records import Baseline
 from fdd.service.baselines.history import History
@@ -64,9 +64,12 @@ def learn_rows(plan: Plan, equipment: RowEquipment, history: History, reason: st
 
     Raises
     ------
-    IdentifyError : no day of it could be judged
+    IdentifyError : no day of it could be judged, or a signal is no share
     """
-    days = [d for d in examined_days(plan, equipment, history) if d.statistics or d.blocks is not None]
+    try:
+        days = [d for d in examined_days(plan, equipment, history) if d.statistics or d.blocks is not None]
+    except ShareError as error:
+        raise IdentifyError(f"{equipment.name}: {error}") from None
     if not days:
         raise IdentifyError(
             f"{equipment.name}: no day of the history allows a judgement; `fdd check` says what is missing"
