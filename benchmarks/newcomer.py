@@ -57,7 +57,9 @@ def _share(walked: Sequence[dict[str, Any]], key: str) -> float:
 
 def _walk(export: Export, folder: Path) -> dict[str, Any]:
     """The commands on one export, and what each said."""
-    site = export.paths[0].parent / "site.yaml"
+    own = folder / "walks" / export.name.replace(" ", "-")
+    own.mkdir(parents=True)
+    site = own / "site.yaml"
     zone = ["--zone", export.zone] if export.zone else []
     until = ["--until", export.until] if export.until else []
     first = ["init", *map(str, export.paths), "--out", str(site), *zone, "--json"]

@@ -184,3 +184,13 @@ def test_several_sources_are_checked_together(tmp_path: Path) -> None:
     result = check_all(tmp_path / "site.yaml", None)
     assert kinds(result) == set()
     assert {r["seen"] for r in result.points} == {"100.0%"}
+
+
+def test_days_chosen_from_a_year_are_not_taken_for_a_loss(tmp_path: Path) -> None:
+    frame = record(days=60)
+    frame.loc[frame.index >= 5 * 144, "time"] += pd.Timedelta("100D")
+    result = checked(tmp_path, frame)
+    assert "nothing at all for 2400 h" in words(result, "gap")
+    assert result.quality is not None
+    assert result.quality.span_used > 0.99
+    assert result.exit_code == 0

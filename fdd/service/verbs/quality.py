@@ -40,6 +40,8 @@ STREAMS: Mapping[str, tuple[tuple[str, str], ...]] = {
 }
 MOSTLY_LOST = 0.5
 """Less than this share of samples or of the span: nothing should be learned from the record."""
+ANOTHER_RECORD = 7 * DAY
+"""A longer silence parts two records; it is told as a gap, and not taken for a loss."""
 SHOWN = 5
 
 
@@ -115,7 +117,11 @@ def record_quality(context: SiteContext, history: History, counts: Mapping[str, 
     units = context.site.units
     seen = np.isfinite(values)
     frames = (int(time[-1]) - int(time[0])) // step + 1
-    quality = RecordQuality(_used(counts), float(seen.any(axis=1).sum() / frames), int(time[0]), int(time[-1]))
+    there = time[seen.any(axis=1)]
+    # Days chosen from two years are many records, and lose nothing between them.
+    apart = sum(stop - start for start, stop in _silences(there, ANOTHER_RECORD)) // step
+    span_used = min(1.0, len(there) / max(1, frames - apart))
+    quality = RecordQuality(_used(counts), span_used, int(time[0]), int(time[-1]))
     quality.points = [_point(n, units.get(n, "1"), values[:, i], time, frames) for i, n in enumerate(names)]
     quality.days, quality.present = _by_day(context, time, seen, step)
     quality.faults = [

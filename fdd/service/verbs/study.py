@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from fdd.records import NANOSECONDS, JsonObject
-from fdd.service.alarms.book import PLANT, iso, kind_in
+from fdd.service.alarms.book import MODEL, iso, kind_in
 from fdd.service.alarms.handles import handles
 from fdd.service.baselines.fitting import Fitted, fit_history, read_span, watched_of
 from fdd.service.baselines.history import History
@@ -128,8 +128,9 @@ def study_site(
         study.replay = replay_site(
             site_file, data, since=iso(split), until=None, verdicts=None, console=console, store=True
         )
-        end = int(history.time[-1]) + 1
-        study.reports = report_site(site_file, out, pdf=pdf, since=iso(split), until=iso(end))
+    # Where nothing can be watched, the report says why.
+    end = int(history.time[-1]) + 1
+    study.reports = report_site(site_file, out, pdf=pdf, since=iso(split), until=iso(end))
     study.verdicts = _verdicts(context, study.replay, reasons)
     return study
 
@@ -212,7 +213,7 @@ def _verdicts(context: SiteContext, replay: ReplayResult | None, reasons: dict[s
 
 
 def _told(alarm: JsonObject, handle: str) -> str:
-    of_model = "" if kind_in(alarm["evidence"]) == PLANT else "the model, not the equipment: "
+    of_model = "the model, not the equipment: " if kind_in(alarm["evidence"]) == MODEL else ""
     return f"{handle} ({alarm['state']}, {alarm['raised_local']}): {of_model}{alarm['summary']}"
 
 
