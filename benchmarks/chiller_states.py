@@ -94,7 +94,7 @@ class Watched:
 
 def simulated(quick: bool) -> Figures:
     """False alarms, names of strong and weak faults and of biased sensors."""
-    machines, weeks = (3, 5) if quick else (20, 17)
+    machines, weeks = (8, 4) if quick else (20, 17)
     alarms = judged = seen = wrong = weak_found = 0
     strong: dict[str, list[bool]] = {k: [] for k in STRONG}
     side = dict.fromkeys(STRONG, 0)
