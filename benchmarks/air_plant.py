@@ -20,11 +20,11 @@ from benchmarks.common import arguments, context, figure, report
 from benchmarks.diagnosis_runs import batches
 from benchmarks.signatures import Signature, signature, write
 from fdd.diagnosis.departure import Departure
+from fdd.evidence import AlarmKind
 from fdd.plant.air_plant import AIR_POINTS, AIR_STEP, AIR_TRUTH, air_handler_model, air_outside, air_plant
 from fdd.plant.faults import DAY, PlantFault
 from fdd.plant.scenario import Plant, Scenario, points, simulate
 from fdd.records import NANOSECONDS, Alarm, Baseline
-from fdd.service.alarms.book import PLANT, kind_of
 from fdd.service.baselines.history import History
 from fdd.service.baselines.identify import identify
 from fdd.service.engine.engine import Engine
@@ -98,7 +98,7 @@ class Found:
     @property
     def named(self) -> str:
         """The cause that the alarm names first."""
-        return str(self.alarm.causes[0]["name"]) if self.alarm else ""
+        return str(self.alarm.causes[0].name) if self.alarm else ""
 
 
 def plan() -> Plan:
@@ -148,7 +148,7 @@ def watch(case: Case, seed: int, baseline: Baseline, days: float = DAYS) -> Foun
             alarms[alarm.key] = alarm
     onset = scenario.first + round((case.fault.onset if case.fault else ONSET * DAY) * NANOSECONDS)
     seen = engine.departure("ahu", onset, int(scenario.times()[-1]))
-    own = sorted((a for a in alarms.values() if kind_of(a) == PLANT), key=lambda a: a.raised)
+    own = sorted((a for a in alarms.values() if a.evidence.kind is AlarmKind.PLANT), key=lambda a: a.raised)
     after = [a for a in own if a.raised >= onset]
     delay = (after[0].raised - onset) / NANOSECONDS / DAY if after else np.inf
     return Found(seen, after[0] if after else None, delay, len(own) - len(after))

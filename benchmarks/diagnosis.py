@@ -21,8 +21,8 @@ from benchmarks.diagnosis_runs import Case, Seen, cases, smaller, watch, where
 from benchmarks.signatures import Signature, numbered, signature, write
 from fdd.diagnosis.departure import Departure
 from fdd.diagnosis.ranking import diagnose
+from fdd.evidence import AlarmKind
 from fdd.plant.district import EQUIPMENT, models
-from fdd.service.alarms.book import PLANT, kind_of
 
 FILE = "signatures.yaml"
 TRAINING, FITTED = (1, 2), 900
@@ -84,17 +84,17 @@ def named(runs: Sequence[tuple[Case, Seen]]) -> dict[str, tuple[int, int, int, i
         component = case.component if case.component in EQUIPMENT else "building"
         found = role(case, component)
         mine = [a for a in seen.alarms.values() if a.component == component and a.raised >= seen.onset]
-        mine = [a for a in mine if kind_of(a) == PLANT]
+        mine = [a for a in mine if a.evidence.kind is AlarmKind.PLANT]
         if found is None or not mine:
             continue
         kind, name, symbol = found
         model, alarm = models()[component], mine[0]
         causes = diagnose(model, alarm, seen.departures[component]).causes[:3]
-        fits = [c["name"] == name and c.get("where", "") == symbol for c in causes]
+        fits = [c.name == name and c.where == symbol for c in causes]
         signs = diagnose(model, alarm).causes[0]
         group = f"{EQUIPMENT[component][0]}, {kind}"
         n, a, b, c = table.get(group, (0, 0, 0, 0))
-        table[group] = (n + 1, a + fits[0], b + (signs["name"] == name), c + any(fits))
+        table[group] = (n + 1, a + fits[0], b + (signs.name == name), c + any(fits))
     return table
 
 

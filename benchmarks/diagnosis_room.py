@@ -25,9 +25,9 @@ from benchmarks.common import arguments, context, figure, report
 from benchmarks.diagnosis_runs import batches
 from benchmarks.signatures import Signature, signature, write
 from fdd.diagnosis.departure import Departure
+from fdd.evidence import AlarmKind
 from fdd.models.zone import zone
 from fdd.records import NANOSECONDS, Alarm, Baseline, FloatArray
-from fdd.service.alarms.book import PLANT, kind_of
 from fdd.service.baselines.history import History
 from fdd.service.baselines.identify import identify
 from fdd.service.engine.engine import Engine
@@ -178,7 +178,7 @@ def watch(house: House, nodes: str, seed: int, case: Case) -> tuple[Departure, A
     onset = int(history.time[0]) + round(ONSET * DAY) * NANOSECONDS
     raised: dict[str, Alarm] = {}
     for batch in batches(history.time, history.values, POINTS):
-        raised |= {a.key: a for a in engine.step(batch).alarms if kind_of(a) == PLANT}
+        raised |= {a.key: a for a in engine.step(batch).alarms if a.evidence.kind is AlarmKind.PLANT}
     alarm = next((a for a in raised.values() if a.raised >= onset), None)
     return engine.departure("zone", onset, int(history.time[-1])), alarm
 
@@ -213,8 +213,8 @@ def is_named(case: Case, alarm: Alarm) -> bool:
     """Whether the alarm's first cause is the fault; a frozen reading may be told by its own chart."""
     first = alarm.causes[0]
     if case.unit == "frozen":
-        return first["name"] in ("stuck", "frozen")
-    return bool(first["name"] == case.name and first.get("where", "") == case.where)
+        return first.name in ("stuck", "frozen")
+    return first.name == case.name and first.where == case.where
 
 
 def main() -> None:
@@ -232,7 +232,7 @@ def main() -> None:
     }
     for name in dict.fromkeys(c.name for c in CASES):
         mine = [(c, a) for c, a in found if c.name == name]
-        wrong = [str(a.causes[0]["name"]) for c, a in mine if not is_named(c, a)]
+        wrong = [str(a.causes[0].name) for c, a in mine if not is_named(c, a)]
         named = f"{sum(is_named(c, a) for c, a in mine)} of {len(mine)}"
         figures[f"named: {name}"] = figure(named, f"instead: {', '.join(wrong) or '-'}", "", None)
     report(figures, context(seeds=[s for _, s in JUDGED], size=f"{SHARE:.2f} of the measured"), options.json)

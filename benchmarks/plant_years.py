@@ -15,8 +15,8 @@ import numpy as np
 from benchmarks.drifting_room import DAY, POINTS, START, STEP, Course, plan, simulate
 from fdd.config.schema import Reidentify
 from fdd.diagnosis.gates import Outcome, Policy
+from fdd.evidence import AlarmKind
 from fdd.records import NANOSECONDS, Alarm, Baseline, Batch
-from fdd.service.alarms.book import PLANT, alarm_to_document, kind_of
 from fdd.service.baselines.candidate import Candidate, consider
 from fdd.service.baselines.history import History
 from fdd.service.baselines.identify import identify
@@ -66,7 +66,7 @@ class Room:
     def reidentify(self, end: int) -> bool:
         """The job of a week, days up to ``end``; whether there is a new baseline."""
         only = ONE.components[0]
-        documents = [{**alarm_to_document(a), "component": only.name} for a in self.alarms.values()]
+        documents = [{**a.document(), "component": only.name} for a in self.alarms.values()]
         healthy = without(_days(self.history, max(0, end - SPAN), end), avoided(documents, only))
         found = consider(ONE, only, healthy, self.line, Policy(), suspected=self.suspected)
         self.found.append(found)
@@ -154,7 +154,9 @@ def judged(room: Room) -> dict[str, Any]:
         "alarmed": faulty and any(r >= course.onset for r in raised),
         "false_alarms": sum(r < course.onset for r in raised) if faulty else len(raised),
         "false_model_alarms": sum(
-            kind_of(a) != PLANT for a, r in zip(alarms, raised, strict=True) if not faulty or r < course.onset
+            a.evidence.kind is not AlarmKind.PLANT
+            for a, r in zip(alarms, raised, strict=True)
+            if not faulty or r < course.onset
         ),
         "error": float(last / truth[-1] - 1),
         "accepted": outcomes.count("accepted"),

@@ -14,9 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.evidence import Cause, Entry, Evidence, Message, messages
+from fdd.evidence import JsonObject as JsonObject
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-JsonObject = dict[str, Any]
 
 NANOSECONDS = 1_000_000_000
 
@@ -189,12 +191,46 @@ class Alarm:
     raised: int
     updated: int
     charts: tuple[str, ...]
-    summary: str
     severity: str = "medium"
-    causes: tuple[JsonObject, ...] = ()
-    checks: tuple[str, ...] = ()
-    evidence: JsonObject = field(default_factory=dict)
-    history: tuple[JsonObject, ...] = ()
+    causes: tuple[Cause, ...] = ()
+    checks: tuple[Message, ...] = ()
+    evidence: Evidence = field(default_factory=Evidence)
+    history: tuple[Entry, ...] = ()
+
+    def document(self) -> JsonObject:
+        """Plain data, with codes in place of sentences."""
+        return {
+            "key": self.key,
+            "component": self.component,
+            "state": str(self.state),
+            "since": self.since,
+            "raised": self.raised,
+            "updated": self.updated,
+            "charts": list(self.charts),
+            "severity": self.severity,
+            "causes": [c.document() for c in self.causes],
+            "checks": [m.document() for m in self.checks],
+            "evidence": self.evidence.document(),
+            "history": [e.document() for e in self.history],
+        }
+
+    @classmethod
+    def read(cls, document: JsonObject) -> Alarm:
+        """The alarm that :meth:`document` wrote, in this version or in one with sentences."""
+        return cls(
+            str(document["key"]),
+            str(document["component"]),
+            AlarmState(document["state"]),
+            int(document["since"]),
+            int(document["raised"]),
+            int(document["updated"]),
+            tuple(document.get("charts") or ()),
+            str(document.get("severity", "medium")),
+            tuple(Cause.read(c) for c in document.get("causes") or ()),
+            messages(document.get("checks")),
+            Evidence.read(document.get("evidence") or {}),
+            tuple(Entry.read(e) for e in document.get("history") or ()),
+        )
 
 
 def concatenate(rows: Sequence[Rows]) -> list[Rows]:

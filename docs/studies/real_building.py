@@ -27,6 +27,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from scipy.stats import kurtosis
 
+from fdd.evidence import ChartEvidence
 from fdd.greybox.likelihood import Data
 from fdd.greybox.validate import autocorrelation, cumulated_periodogram, kolmogorov_band
 from fdd.records import NANOSECONDS, Alarm, FloatArray
@@ -216,12 +217,12 @@ def estimate_table(fitted: Fitted) -> str:
 
 
 def _alarm_line(alarm: Alarm) -> str:
-    charts = ", ".join(f"{c['symbol']} {'up' if c['direction'] > 0 else 'down'}" for c in _charts(alarm))
+    charts = ", ".join(f"{c.symbol} {'up' if c.direction > 0 else 'down'}" for c in _charts(alarm))
     return f"since {_moment(alarm.since):%d %b %H:%M}, raised {_moment(alarm.raised):%H:%M} ({charts}), {alarm.state}"
 
 
-def _charts(alarm: Alarm) -> list[dict[str, Any]]:
-    return list(alarm.evidence["charts"].values())
+def _charts(alarm: Alarm) -> list[ChartEvidence]:
+    return list(alarm.evidence.charts.values())
 
 
 def healthy_text(study: Study, everything: ReplayResult, frames: pd.DataFrame) -> str:
@@ -289,7 +290,7 @@ def _late(result: ReplayResult) -> str:
         return "no alarm"
     alarm = next(iter(result.alarms.values()))
     after = (_moment(alarm.raised) - ONSETS[0]) / pd.Timedelta("1h")
-    charts = ", ".join(f"{c['symbol']} {'up' if c['direction'] > 0 else 'down'}" for c in _charts(alarm))
+    charts = ", ".join(f"{c.symbol} {'up' if c.direction > 0 else 'down'}" for c in _charts(alarm))
     return f"alarmed after {after:.0f} h by {charts}"
 
 
@@ -299,11 +300,11 @@ def _summary(found: list[tuple[pd.Timestamp, Alarm]]) -> list[str]:
     delays = np.array([(_moment(a.raised) - onset) / pd.Timedelta("1h") for onset, a in found])
     first, later = Counter[str](), Counter[str]()
     for _, alarm in found:
-        charts = sorted(_charts(alarm), key=lambda c: c["raised"])
+        charts = sorted(_charts(alarm), key=lambda c: c.raised)
         for c in charts:
-            name = f"{c['symbol']} {'up' if c['direction'] > 0 else 'down'}"
-            (first if c["raised"] == charts[0]["raised"] else later)[name] += 1
-    causes = Counter(str(a.causes[0]["name"]) for _, a in found)
+            name = f"{c.symbol} {'up' if c.direction > 0 else 'down'}"
+            (first if c.raised == charts[0].raised else later)[name] += 1
+    causes = Counter(str(a.causes[0].name) for _, a in found)
     gone = sum(str(a.state) == "returned to normal" for _, a in found)
     return [
         f"{_hours(np.median(delays))} ({_hours(delays.min())} to {_hours(delays.max())})",

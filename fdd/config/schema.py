@@ -245,6 +245,7 @@ class Site(Strict):
 
     name: str = Field(description="name of the site")
     zone: Zone = Field(default="UTC", description="IANA time zone of local times in the data and of the report")
+    language: Literal["en", "da"] = Field(default="en", description="of alarms and of the report: English or Danish")
     step: Duration = Field(default=300.0, description="length of a frame: how often filters step")
     lateness: DurationOrZero = Field(default=600.0, description="how late a sample may come and still count")
     max_gap: Duration = Field(default=3600.0, description="a longer silence restarts a component's filter")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from fdd.diagnosis.hypotheses import Hypothesis
 from fdd.diagnosis.readings import with_reading
+from fdd.evidence import Message, check
 
 CHECKS: dict[str, tuple[str, ...]] = {
     "fouling": (
@@ -37,32 +38,27 @@ CHECKS: dict[str, tuple[str, ...]] = {
 }
 
 
-def checks_of(name: str, declared: tuple[str, ...]) -> tuple[str, ...]:
+def checks_of(name: str, declared: tuple[str, ...]) -> tuple[Message, ...]:
     """Checks of a component's fault, each with the reading to expect; ``declared`` are its model's own."""
     base = name.rpartition("-")[0] if name.startswith("open-window-") else name
-    return CHECKS.get(base) or tuple(with_reading(c) for c in declared)
+    return _checks(base) or tuple(with_reading(c) for c in declared)
 
 
-def advice(h: Hypothesis, size: float) -> tuple[str, ...]:
+def _checks(name: str) -> tuple[Message, ...]:
+    return tuple(check(*line.split(": ", 1)) for line in CHECKS.get(name, ()))
+
+
+def advice(h: Hypothesis, size: float) -> tuple[Message, ...]:
     """Checks for one cause; ``size`` is its estimated extent in the hypothesis' unit."""
     if h.unit == "frozen":
-        return CHECKS["stuck"]
+        return _checks("stuck")
     if h.where and h.kind != "component":
         return (_instrument(h, size),)
     return checks_of(h.name, h.checks)
 
 
-def _instrument(h: Hypothesis, size: float) -> str:
+def _instrument(h: Hypothesis, size: float) -> Message:
     """The reading of a reference instrument, with how far off it should be."""
-    what = h.meaning.partition(" of the ")[2].partition(" reads")[0].partition(" keeps")[0]
-    if h.unit == "share":
-        side = "less" if size > 0 else "more"
-        return (
-            f"Hold a clamp-on meter against the {what}: about {abs(size):.0%} {side} than the installed meter shows if "
-            "the meter is wrong, within 2 % of it if not"
-        )
-    side = "lower" if size > 0 else "higher"
-    return (
-        f"Compare the {what} with a reference thermometer in the same place: about {abs(size):.1f} K {side} than the "
-        "installed sensor shows if the sensor is wrong, within 0.2 K of it if not"
-    )
+    side = "less" if size > 0 else "more"
+    assert h.quantity is not None, h.name
+    return Message.of(f"compare_{'meter' if h.unit == 'share' else 'sensor'}_{side}", what=h.quantity, size=abs(size))

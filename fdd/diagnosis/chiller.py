@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
 import numpy as np
 
 from fdd.chiller_eiv.checks import SENSOR_NAMES, Finding, checks_of
 from fdd.chiller_eiv.cost import ExtraCost
 from fdd.chiller_eiv.online import ChillerOutputs
-from fdd.diagnosis.cost import no_price, unpriced
-from fdd.records import JsonObject
+from fdd.diagnosis.cost import no_price
+from fdd.evidence import Cause, Cost, JsonObject, Message, check
 
 MEANINGS = {
     "heat-exchanger resistance": "fouled heat exchanger, or too little water through it",
@@ -70,8 +73,34 @@ CHECKS = {
 """What to do about the checks of :mod:`fdd.chiller_eiv.checks`, and what a healthy machine shows."""
 
 
-def chiller_finding(outputs: ChillerOutputs, currency: str) -> JsonObject | None:
-    """What is told of a chiller in alarm, plain data: ``summary``, ``causes``, ``checks``, ``evidence``.
+@dataclass(frozen=True, slots=True)
+class ChillerFinding:
+    """Causes of a chiller's alarm, the likeliest first, its cost, and what else was found."""
+
+    causes: tuple[Cause, ...]
+    cost: Cost | None = None
+    notes: Mapping[str, Message] = field(default_factory=dict)
+
+    def document(self) -> JsonObject:
+        """Plain data."""
+        return {
+            "causes": [c.document() for c in self.causes],
+            "cost": None if self.cost is None else self.cost.document(),
+            "notes": {k: m.document() for k, m in self.notes.items()},
+        }
+
+    @classmethod
+    def read(cls, document: JsonObject) -> ChillerFinding:
+        """What :meth:`document` wrote."""
+        return cls(
+            tuple(Cause.read(c) for c in document["causes"]),
+            None if document["cost"] is None else Cost.read(document["cost"]),
+            {k: Message.read(m) for k, m in document["notes"].items()},
+        )
+
+
+def chiller_finding(outputs: ChillerOutputs, currency: str) -> ChillerFinding | None:
+    """What is told of a chiller in alarm.
 
     Parameters
     ----------
@@ -81,57 +110,42 @@ def chiller_finding(outputs: ChillerOutputs, currency: str) -> JsonObject | None
     found = outputs.finding
     if found is None:
         return None
-    checks = [CHECKS.get(c, c) for c in found.checks]
-    evidence: JsonObject = {}
-    if outputs.sensors is not None:
-        evidence["heat_balance"] = outputs.sensors.note
-    if outputs.cost is not None:
-        evidence["cost_per_day"] = _cost(outputs.cost, currency)
-    return {
-        "summary": found.sentence,
-        "causes": _causes(found, checks),
-        "checks": checks,
-        "evidence": evidence,
-    }
+    notes = {} if outputs.sensors is None else {"heat_balance": Message.of("written", text=outputs.sensors.note)}
+    return ChillerFinding(_causes(found), None if outputs.cost is None else _cost(outputs.cost, currency), notes)
 
 
-def _causes(found: Finding, checks: list[str]) -> list[JsonObject]:
+def _causes(found: Finding) -> tuple[Cause, ...]:
     """The cause or group that is named, then the single ones that were compared, most likely first."""
-    table: list[JsonObject] = [_cause(found.cause, found.probability, [found.sentence], checks)]
-    for name, probability in found.ranked:
-        if name != found.cause and name in MEANINGS:
-            table.append(_cause(name, probability, [], [CHECKS.get(c, c) for c in checks_of(name)]))
-    return table
+    why = (Message.of("written", text=found.sentence),)
+    others = [(n, p) for n, p in found.ranked if n != found.cause and n in MEANINGS]
+    return (
+        _cause(found.cause, found.probability, found.checks, why),
+        *(_cause(name, probability, checks_of(name)) for name, probability in others),
+    )
 
 
-def _cause(name: str, probability: float | None, why: list[str], checks: list[str]) -> JsonObject:
-    cause: JsonObject = {
-        "name": name,
-        "meaning": MEANINGS.get(name, name),
-        "for": why,
-        "against": [],
-        "checks": checks,
-    }
-    if probability is not None:
-        cause["likelihood"] = round(probability, 3)
-    return cause
+def _cause(name: str, probability: float | None, checks: Sequence[str], why: tuple[Message, ...] = ()) -> Cause:
+    return Cause(
+        name=name,
+        meaning=Message.declared(MEANINGS.get(name, name)),
+        likelihood=None if probability is None else round(probability, 3),
+        speaks_for=why,
+        checks=tuple(check(*CHECKS.get(c, c).split(": ", 1)) for c in checks),
+    )
 
 
-def _cost(cost: ExtraCost, currency: str) -> JsonObject:
-    """The alarm's ``cost_per_day``, in the form of :func:`fdd.diagnosis.cost.daily_cost`."""
+def _cost(cost: ExtraCost, currency: str) -> Cost:
     half = 1.96 * cost.energy_day_se
-    told = unpriced(currency) | {
-        "kWh_per_day": cost.energy_day,
-        "kWh_per_day_half_width": half,
-        "kind": "energy",
-        "basis": f"{abs(cost.energy_day):.0f} kWh a day {'more' if cost.energy_day > 0 else 'less'} than the healthy "
-        f"machine at the same load and temperatures (give or take {half:.0f})",
-    }
+    code = "cost_chiller_more" if cost.energy_day > 0 else "cost_chiller_less"
+    told = Cost(
+        currency=currency,
+        energy=cost.energy_day,
+        half_width=half,
+        kind="energy",
+        basis=Message.of(code, energy=abs(cost.energy_day), half_width=half),
+    )
     if not np.isfinite(cost.money_day) or not cost.energy_day:
-        return told | {"why": no_price("electricity")}
+        return replace(told, why=no_price("electricity"))
     price = cost.money_day / cost.energy_day
-    return told | {
-        "value": cost.money_day,
-        "lower": cost.money_day - price * half,
-        "upper": cost.money_day + price * half,
-    }
+    lower, upper = cost.money_day - price * half, cost.money_day + price * half
+    return replace(told, value=cost.money_day, lower=lower, upper=upper)

@@ -10,13 +10,14 @@ with a single fluid.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fdd.diagnosis.departure import Departure, Operation
+from fdd.evidence import Cause, Cost, Message
 from fdd.models.declare import ComponentModel, Parameter
-from fdd.records import FloatArray, JsonObject
+from fdd.records import FloatArray
 
 CP = 4186.0  # water [J/(kg K)]
 HOURS = 24.0
@@ -48,7 +49,7 @@ class Loss:
 
     energy: tuple[float, float, float]
     carrier: str
-    basis: str
+    basis: Message
     comfort: bool = False
     degree_hours: float | None = None
 
@@ -67,58 +68,50 @@ def natural(parameter: Parameter, value: float, change: float) -> float:
 
 
 def daily_cost(
-    model: ComponentModel, departure: Departure, operation: Operation, causes: tuple[JsonObject, ...], tariffs: Tariffs
-) -> JsonObject:
-    """The alarm's ``cost_per_day``.
-
-    Returns
-    -------
-    ``value``, ``lower``, ``upper`` [currency a day] or None, ``currency``, ``kWh_per_day``, ``degree_hours_per_day``,
-    ``kind`` (energy, comfort, none), ``basis`` (the assumption) and ``why`` (where there is no value) in words
-    """
-    nothing = unpriced(tariffs.get("currency"))
-    if causes and causes[0].get("kind") in ("sensor", "upstream"):
-        why = "a wrong reading costs nothing by itself; what is controlled or billed by it is off by as much"
-        return nothing | {"why": why}
+    model: ComponentModel, departure: Departure, operation: Operation, causes: tuple[Cause, ...], tariffs: Tariffs
+) -> Cost:
+    """The alarm's cost a day, or why there is none."""
+    nothing = _unpriced(tariffs)
+    if causes and causes[0].kind in ("sensor", "upstream"):
+        return replace(nothing, why=Message.of("cost_wrong_reading"))
     rule = RULES.get(model.name)
     if rule is None:
-        return nothing | {"why": f"what a {model.title.lower()} loses cannot be told from what is measured on it"}
+        return replace(nothing, why=Message.of("cost_no_rule", model=Message.declared(model.title)))
     case = _case(model, departure, operation)
     loss = rule(case) if case is not None else None
     if loss is None:
-        return nothing | {"why": "what is measured does not say how much energy goes with the change"}
+        return replace(nothing, why=Message.of("cost_not_said"))
     return _priced(loss, tariffs)
 
 
 GRADES = ("low", "medium", "high")
 
 
-def with_cost(severity: str, cost: JsonObject, tariffs: Tariffs) -> str:
+def with_cost(severity: str, cost: Cost, tariffs: Tariffs) -> str:
     """A severity by size and certainty, one class higher where the fault is dear, one lower where it is surely cheap.
 
     Dear: at least ``tariffs["dear"]`` a day, and surely more than nothing; cheap: the whole 95 % interval is below
     ``tariffs["cheap"]``. Without a price, size and certainty decide alone.
     """
-    if cost["value"] is None:
+    if cost.value is None or cost.lower is None or cost.upper is None:
         return severity
     dear, cheap = tariffs.get("dear"), tariffs.get("cheap")
     grade = GRADES.index(severity)
-    if isinstance(dear, int | float) and cost["value"] >= dear and cost["lower"] > 0:
+    if isinstance(dear, int | float) and cost.value >= dear and cost.lower > 0:
         grade += 1
-    elif isinstance(cheap, int | float) and cost["upper"] < cheap:
+    elif isinstance(cheap, int | float) and cost.upper < cheap:
         grade -= 1
     return GRADES[min(max(grade, 0), len(GRADES) - 1)]
 
 
-def unpriced(currency: object) -> JsonObject:
-    """A ``cost_per_day`` of which nothing is known yet."""
-    empty = dict.fromkeys(("value", "lower", "upper", "kWh_per_day", "degree_hours_per_day"))
-    return {**empty, "currency": str(currency or "EUR"), "kind": "none", "basis": "", "why": ""}
+def _unpriced(tariffs: Tariffs) -> Cost:
+    """A cost of which nothing is known yet."""
+    return Cost(currency=str(tariffs.get("currency") or "EUR"))
 
 
-def no_price(carrier: str) -> str:
+def no_price(carrier: str) -> Message:
     """Why a cost has no value although the energy is known."""
-    return f"no price is known: give tariffs: {carrier} (per kWh) in the site file"
+    return Message.of("cost_no_price", carrier=carrier)
 
 
 def _case(model: ComponentModel, d: Departure, operation: Operation) -> Case | None:
@@ -139,20 +132,21 @@ def _case(model: ComponentModel, d: Departure, operation: Operation) -> Case | N
     )
 
 
-def _priced(loss: Loss, tariffs: Tariffs) -> JsonObject:
+def _priced(loss: Loss, tariffs: Tariffs) -> Cost:
     best, *ends = loss.energy
-    told = unpriced(tariffs.get("currency")) | {
-        "kWh_per_day": best,
-        "kind": "comfort" if loss.comfort else "energy",
-        "degree_hours_per_day": loss.degree_hours,
-        "basis": loss.basis,
-    }
+    told = replace(
+        _unpriced(tariffs),
+        energy=best,
+        kind="comfort" if loss.comfort else "energy",
+        degree_hours=loss.degree_hours,
+        basis=loss.basis,
+    )
     price = tariffs.get(loss.carrier)
     if loss.comfort:
-        return told | {"why": "no energy is lost; it is missing where it is wanted"}
+        return replace(told, why=Message.of("cost_comfort"))
     if not isinstance(price, int | float):
-        return told | {"why": no_price(loss.carrier)}
-    return told | {"value": best * price, "lower": min(ends) * price, "upper": max(ends) * price}
+        return replace(told, why=no_price(loss.carrier))
+    return replace(told, value=best * price, lower=min(ends) * price, upper=max(ends) * price)
 
 
 def _interval(energy: Callable[[float], float]) -> tuple[float, float, float]:
@@ -182,8 +176,7 @@ def _exchanger(case: Case) -> Loss | None:
         clean = low * drive * _effectiveness(units / share, ratio)
         return float(np.sum(clean - heat)) / 1000.0 * HOURS / len(works)
 
-    return Loss(_interval(missing), "heat", "heat that a clean exchanger would pass at yesterday's flows and inlet "
-                "temperatures, priced as if it were bought elsewhere")  # fmt: skip
+    return Loss(_interval(missing), "heat", Message.of("cost_exchanger"))
 
 
 def _units(effectiveness: FloatArray, ratio: FloatArray) -> FloatArray:
@@ -217,12 +210,9 @@ def _radiator(case: Case) -> Loss | None:
     found = _interval(missing)
     given = float(np.sum(flow * drop)) / 1000.0 * HOURS / len(works)
     colder = OUTSIDE * found[0] / max(given + found[0], 1e-9)
-    words = (
-        f"the room gets {found[0]:.1f} kWh a day less heat at yesterday's flow and supply temperature; where its valve "
-        f"cannot open further it becomes about {abs(colder):.1f} K {'colder' if colder > 0 else 'warmer'} "
-        f"(taking {OUTSIDE:.0f} K between room and outdoors)"
-    )
-    return Loss(found, "heat", words, comfort=True, degree_hours=HOURS * colder)
+    code = "cost_radiator_colder" if colder > 0 else "cost_radiator_warmer"
+    basis = Message.of(code, energy=found[0], kelvin=abs(colder), outside=OUTSIDE)
+    return Loss(found, "heat", basis, comfort=True, degree_hours=HOURS * colder)
 
 
 def _building(case: Case) -> Loss | None:
@@ -238,7 +228,7 @@ def _building(case: Case) -> Loss | None:
             for s in lost
         ) / 1000.0 * HOURS  # fmt: skip
 
-    return Loss(_interval(extra), "heat", "heat that leaves beyond the healthy envelope's at yesterday's temperatures")
+    return Loss(_interval(extra), "heat", Message.of("cost_envelope"))
 
 
 def _zone(case: Case) -> Loss | None:
@@ -252,7 +242,7 @@ def _zone(case: Case) -> Loss | None:
         # A larger resistance loses less, so that the ends of the interval change places.
         return (1.0 / sum(case.at(s, -errors) for s in series) - healthy) * drive / 1000.0 * HOURS
 
-    return Loss(_interval(extra), "heat", "heat that leaves beyond the healthy envelope's at yesterday's temperatures")
+    return Loss(_interval(extra), "heat", Message.of("cost_envelope"))
 
 
 def _pipe(case: Case) -> Loss | None:
@@ -264,7 +254,7 @@ def _pipe(case: Case) -> Loss | None:
     def extra(errors: float) -> float:
         return (case.at("UA", errors) - case.value["UA"]) * drive / 1000.0 * HOURS
 
-    return Loss(_interval(extra), "heat", "heat lost on the way beyond the healthy pipe's at yesterday's temperatures")
+    return Loss(_interval(extra), "heat", Message.of("cost_pipe"))
 
 
 def _pump(case: Case) -> Loss | None:
@@ -275,9 +265,7 @@ def _pump(case: Case) -> Loss | None:
     def extra(errors: float) -> float:
         return power * (1.0 - case.at("eta", errors) / case.value["eta"]) / 1000.0 * HOURS
 
-    return Loss(
-        _interval(extra), "electricity", "electricity beyond what the healthy pump would take for the same work"
-    )
+    return Loss(_interval(extra), "electricity", Message.of("cost_pump"))
 
 
 RULES: Mapping[str, Callable[[Case], Loss | None]] = {

@@ -17,6 +17,8 @@ from scipy.special import logsumexp
 from fdd.diagnosis import bank
 from fdd.diagnosis.bank import NORMAL, UNKNOWN, Fitted, Weighed
 from fdd.diagnosis.evidence import Beliefs, Statistic, Test, allowed_chance, judge, learn, seen_of, statistics, within
+from fdd.evidence import Cause as AlarmCause
+from fdd.evidence import Message, Size, check
 from fdd.models.expectation import Day, EquipmentModel, Row, Values
 from fdd.records import JsonObject
 
@@ -61,27 +63,25 @@ class Cause:
     """A cause with its probability, and what the day says for and against it."""
 
     name: str
-    meaning: str
+    meaning: Message
     probability: float
     size: float | None
     unit: str
-    speaks_for: tuple[str, ...]
-    speaks_against: tuple[str, ...]
-    checks: tuple[str, ...]
+    speaks_for: tuple[Message, ...]
+    speaks_against: tuple[Message, ...]
+    checks: tuple[Message, ...]
 
-    def document(self) -> JsonObject:
+    def told(self) -> AlarmCause:
         """As an alarm carries it."""
-        told: JsonObject = {
-            "name": self.name,
-            "meaning": self.meaning,
-            "likelihood": round(self.probability, 3),
-            "for": list(self.speaks_for),
-            "against": list(self.speaks_against),
-            "checks": list(self.checks),
-        }
-        if self.size is not None:
-            told["size"] = {"value": float(f"{self.size:.2g}"), "unit": self.unit}
-        return told
+        return AlarmCause(
+            name=self.name,
+            meaning=self.meaning,
+            likelihood=round(self.probability, 3),
+            speaks_for=self.speaks_for,
+            speaks_against=self.speaks_against,
+            checks=self.checks,
+            size=None if self.size is None else Size(float(f"{self.size:.2g}"), self.unit),
+        )
 
 
 @dataclass(frozen=True)
@@ -235,27 +235,27 @@ def _cause(
 ) -> Cause:
     rows = {r.name: r for r in model.rows}
     fault = next((f for f in model.faults if f.name == name), None)
-    supports: list[str] = []
-    objects: list[str] = []
+    supports: list[Message] = []
+    objects: list[Message] = []
     for t in ringing:
         agrees = fault is None or name in explained(rows[t.statistic.row], t.statistic.side)
-        (supports if agrees and name != NORMAL else objects).append(in_words(rows[t.statistic.row], t))
+        (supports if agrees and name != NORMAL else objects).append(row_message(rows[t.statistic.row], t))
     size = None
     if fault is not None and fitted is not None:
         gain = fitted.evidence - plain
         if gain > 1.0:
             size = fitted.size
-            supports.append(f"the settled readings fit it better than normal operation, by {gain:.0f} nat(s)")
+            supports.append(Message.of("settled_fit", nats=gain))
         elif gain < -1.0:
-            objects.append(f"the settled readings fit normal operation better, by {-gain:.0f} nat(s)")
-    meaning = fault.meaning if fault else {NORMAL: "chance", UNKNOWN: "none of the known faults"}[name]
-    checks = fault.checks if fault else ()
+            objects.append(Message.of("settled_normal", nats=-gain))
+    meaning = Message.declared(fault.meaning) if fault else Message.of("chance" if name == NORMAL else "no_known_fault")
+    checks = tuple(check(*c.split(": ", 1)) for c in fault.checks) if fault else ()
     return Cause(name, meaning, p, size, fitted.unit if fitted else "", tuple(supports), tuple(objects), checks)
 
 
-def in_words(row: Row, t: Test) -> str:
+def row_message(row: Row, t: Test) -> Message:
     """A row's finding with its numbers."""
     s = t.statistic
-    words = row.high if s.side > 0 else row.low
+    words = Message.declared(row.high if s.side > 0 else row.low)
     unit = "" if row.unit == "1" else f" {row.unit}"
-    return f"{words}: {s.value:.3g}{unit} beyond, expected {t.expected:.2g} give or take {2 * t.sd:.2g}{unit}"
+    return Message.of("row", words=words, value=s.value, unit=unit, expected=t.expected, spread=2 * t.sd)

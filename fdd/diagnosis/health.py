@@ -4,86 +4,71 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from fdd.records import Alarm, JsonObject
+from fdd.evidence import Cause, ChartEvidence, ChartKind, Message
+from fdd.records import Alarm
 
-FLATLINE = ":flatline"
 # A reading that never changes leaves little room for another cause.
 FROZEN = 0.95
 TESTS = {
-    "autocorrelation": "its errors of prediction have gained a memory",
-    "periodogram": "its errors of prediction have gained a rhythm or a drift",
-    "dispersion": "its errors of prediction no longer vary as they did",
+    ChartKind.AUTOCORRELATION: "model_memory",
+    ChartKind.PERIODOGRAM: "model_rhythm",
+    ChartKind.DISPERSION: "model_spread",
 }
 
 
 def of_model(alarm: Alarm) -> Alarm:
-    """The words of an alarm of the model's health."""
-    charts = list(alarm.evidence["charts"].values())
-    by_test = {test: [c["symbol"] for c in charts if c["test"] == test] for test in TESTS}
-    said = [f"{TESTS[t]} ({', '.join(dict.fromkeys(s))})" for t, s in by_test.items() if s]
-    cause: JsonObject = {
-        "name": "model",
-        "meaning": "the model no longer describes this component",
-        "likelihood": 1.0,
-        "for": said,
-        "against": ["no chart of the plant has rung"],
-        "checks": [],
-    }
+    """What an alarm of the model's health says."""
+    charts = alarm.evidence.charts.values()
+    by_test = {code: [c.symbol for c in charts if c.kind is kind] for kind, code in TESTS.items()}
+    cause = Cause(
+        name="model",
+        meaning=Message.of("model_stale"),
+        likelihood=1.0,
+        speaks_for=tuple(Message.of(code, symbols=tuple(dict.fromkeys(s))) for code, s in by_test.items() if s),
+        speaks_against=(Message.of("no_plant_chart"),),
+    )
     return replace(
         alarm,
-        summary=f"{alarm.component}: the model no longer describes this component ({'; '.join(said)}); re-identify it",
         severity="low",
         causes=(cause,),
-        checks=(
-            "ask what was changed since, of equipment, control settings or sensors: a change explains it",
-            f"re-identify it (fdd reidentify SITE --only {alarm.component}): errors of prediction have no memory again",
-        ),
+        checks=(Message.of("model_ask"), Message.of("model_reidentify", name=alarm.component)),
     )
 
 
 def undiagnosed(alarm: Alarm, error: Exception) -> Alarm:
     """The alarm where its diagnosis failed: what was known before stands, and why there is nothing new."""
-    why = f"not diagnosed, because of {type(error).__name__}: {error}"
-    known = alarm.summary.partition(" (not diagnosed, ")[0]
-    said = known or f"{alarm.component}: {', '.join(alarm.evidence['charts'])} rang"
-    return replace(
-        alarm,
-        summary=f"{said} ({why})",
-        evidence={**alarm.evidence, "not_diagnosed": why},
-    )
+    why = Message.of("not_diagnosed", error=type(error).__name__, text=str(error))
+    return replace(alarm, evidence=replace(alarm.evidence, not_diagnosed=why))
 
 
 def without_frozen(alarm: Alarm) -> Alarm:
     """The alarm without charts of frozen readings, for a ranking by parameters and innovations."""
-    charts = {name: c for name, c in alarm.evidence["charts"].items() if not name.endswith(FLATLINE)}
-    return replace(alarm, evidence={**alarm.evidence, "charts": charts})
+    charts = {name: c for name, c in alarm.evidence.charts.items() if c.kind is not ChartKind.FLATLINE}
+    return replace(alarm, evidence=replace(alarm.evidence, charts=charts))
 
 
 def with_frozen(alarm: Alarm) -> Alarm:
     """A frozen reading among the charts that rang comes before every other cause: what it upsets is its consequence."""
-    frozen = [c for name, c in alarm.evidence["charts"].items() if name.endswith(FLATLINE)]
+    frozen = [c for c in alarm.evidence.charts.values() if c.kind is ChartKind.FLATLINE]
     if not frozen:
         return alarm
-    points = ", ".join(str(c["point"]) for c in frozen)
-    hours = max(float(c["unchanged_seconds"]) for c in frozen) / 3600
-    checks = (
-        f"look at {points} at the controller: a living signal changes by itself",
-        "warm or load the sensor: it must follow within minutes",
-        "if it follows at the controller, the gateway repeats old values: restart its polling",
+    points = tuple(c.point or c.symbol for c in frozen)
+    checks = (Message.of("frozen_look", points=points), Message.of("frozen_warm"), Message.of("frozen_gateway"))
+    cause = Cause(
+        name="frozen",
+        meaning=Message.of("frozen", points=points),
+        likelihood=FROZEN,
+        speaks_for=tuple(_unchanged(c) for c in frozen),
+        checks=checks,
     )
-    cause: JsonObject = {
-        "name": "frozen",
-        "meaning": f"the sensor {points} is frozen",
-        "likelihood": FROZEN,
-        "for": [f"{c['point']} has not changed for {float(c['unchanged_seconds']) / 3600:.1f} h" for c in frozen],
-        "against": [],
-        "checks": list(checks),
-    }
-    others = tuple({**c, "likelihood": round(float(c["likelihood"]) * (1 - FROZEN), 3)} for c in alarm.causes)
+    others = tuple(replace(c, likelihood=round((c.likelihood or 0.0) * (1 - FROZEN), 3)) for c in alarm.causes)
     return replace(
         alarm,
-        summary=f"{alarm.component}: the sensor {points} is frozen (no change for {hours:.1f} h)",
         severity="medium" if alarm.severity == "low" else alarm.severity,
         causes=(cause, *others),
         checks=(*checks, *alarm.checks),
     )
+
+
+def _unchanged(chart: ChartEvidence) -> Message:
+    return Message.of("unchanged", point=chart.point or chart.symbol, hours=(chart.unchanged_seconds or 0.0) / 3600)

@@ -18,6 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from fdd.evidence import Message
 from fdd.models.declare import ComponentModel, Fault, Parameter
 from fdd.records import FloatArray
 
@@ -40,7 +41,7 @@ class Hypothesis:
     Attributes
     ----------
     name, where : the fault of the model's table, and the symbol it sits at, if one
-    meaning : for people
+    meaning, quantity : what it is, and what the instrument measures that it is about, for people
     kind : the component itself, its own sensor, an instrument it is fed from
     shift, shift_sd : (n_p,), of the physical parameters on the estimation scale
     mean, mean_sd : (n_y,), of the standardised innovations
@@ -53,7 +54,7 @@ class Hypothesis:
 
     name: str
     where: str
-    meaning: str
+    meaning: Message
     kind: Kind
     shift: FloatArray
     shift_sd: FloatArray
@@ -66,6 +67,7 @@ class Hypothesis:
     signed: bool
     measured: bool
     checks: tuple[str, ...] = ()
+    quantity: Message | None = None
 
     @property
     def prior(self) -> float:
@@ -132,10 +134,11 @@ def _measured(
     outputs = model.symbols["outputs"]
     fault = faults.get(entry["name"])
     own = fault is not None and not entry["where"]
+    what = _quantity(model, entry["where"])
     return Hypothesis(
         entry["name"],
         entry["where"],
-        fault.meaning if own and fault else instrument(model, entry["where"], entry["unit"]),
+        Message.declared(fault.meaning) if own and fault else instrument(what, entry["unit"]),
         entry["kind"],
         *columns("shift", physical),
         *columns("mean", outputs),
@@ -145,20 +148,20 @@ def _measured(
         signed=bool(entry["signed"]),
         measured=True,
         checks=fault.checks if own and fault else (),
+        quantity=what,
     )
 
 
-def instrument(model: ComponentModel, symbol: str, unit: str) -> str:
-    """What is wrong with an instrument, in words."""
-    quantities = {q.symbol: q for q in (*model.inputs, *model.outputs)}
-    what = quantities[symbol].meaning if symbol in quantities else symbol
-    if unit == "frozen":
-        return f"the sensor of the {what} keeps its last value"
-    return (
-        f"the meter of the {what} reads a wrong share"
-        if unit == "share"
-        else (f"the sensor of the {what} reads wrong by a constant")
-    )
+def _quantity(model: ComponentModel, symbol: str) -> Message:
+    """What a symbol among inputs and outputs means."""
+    quantities = {q.symbol: q.meaning for q in (*model.inputs, *model.outputs)}
+    return Message.declared(quantities.get(symbol, symbol))
+
+
+def instrument(what: Message, unit: str) -> Message:
+    """What is wrong with the instrument of a quantity."""
+    codes = {"frozen": "sensor_keeps", "share": "meter_share"}
+    return Message.of(codes.get(unit, "sensor_constant"), what=what)
 
 
 def _declared(model: ComponentModel, physical: tuple[str, ...], fault: Fault) -> Hypothesis:
@@ -174,7 +177,7 @@ def _declared(model: ComponentModel, physical: tuple[str, ...], fault: Fault) ->
     return Hypothesis(
         fault.name,
         "",
-        fault.meaning,
+        Message.declared(fault.meaning),
         "sensor" if instrumental else "component",
         shift,
         LOOSE * np.abs(shift) + np.where(either, DECLARED_SHIFT, 0.0),

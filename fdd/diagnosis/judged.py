@@ -9,9 +9,9 @@ def judged_false(alarm: Alarm) -> bool:
     """Whether the operator who closed the alarm called it false: the comment begins with that word."""
     if alarm.state is not AlarmState.CLEARED or not alarm.history:
         return False
-    return str(alarm.history[-1].get("comment", "")).strip().lower().startswith("false")
+    return alarm.history[-1].comment.strip().lower().startswith("false")
 
 
 def is_consequence(alarm: Alarm) -> bool:
     """Whether another alarm explains it, so that it is none of its own."""
-    return alarm.state is AlarmState.SUPPRESSED or bool(alarm.evidence.get("caused_by"))
+    return alarm.state is AlarmState.SUPPRESSED or bool(alarm.evidence.caused_by)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,26 +11,18 @@ from fdd.diagnosis.advice import advice
 from fdd.diagnosis.departure import Departure
 from fdd.diagnosis.hypotheses import hypotheses, table
 from fdd.diagnosis.likelihood import Judged, Vector, judge, shares
+from fdd.evidence import Cause, Message, Size
 from fdd.models.declare import ComponentModel
-from fdd.records import JsonObject
 
 SHOWN = 0.005
 """Causes less likely than this are told only while there are few."""
 FEWEST = 3
 PLAIN = 3.0
 """An element of the evidence speaks from so many standard deviations on."""
-MODEL: JsonObject = {
-    "name": "model",
-    "meaning": "something that no known fault of this equipment explains, such as a change of use or a repair",
-    "kind": "model",
-    "checks": [
-        "Ask what was changed, repaired or switched over about the onset: nothing, if the equipment is at fault; "
-        "if something was, fit a new baseline"
-    ],
-}
+MODEL = Cause("model", Message.of("unknown_cause"), checks=(Message.of("unknown_ask"),), kind="model")
 
 
-def measured_causes(model: ComponentModel, departure: Departure) -> tuple[JsonObject, ...]:
+def measured_causes(model: ComponentModel, departure: Departure) -> tuple[Cause, ...]:
     """Causes in order of likelihood; empty where no signature of the model was measured or nothing has been seen."""
     if model.name not in table() or not departure.count.any():
         return ()
@@ -39,53 +32,62 @@ def measured_causes(model: ComponentModel, departure: Departure) -> tuple[JsonOb
         return ()
     share, unknown = shares(judged, vector)
     rows = [_cause(j, float(s), departure, vector) for j, s in zip(judged, share, strict=True)]
-    rows.append({**MODEL, "likelihood": unknown, "for": _jumps(departure), "against": []})
-    rows.sort(key=lambda c: -float(c["likelihood"]))
-    kept = [c for i, c in enumerate(rows) if i < FEWEST or c["likelihood"] >= SHOWN]
-    return tuple({**c, "likelihood": round(float(c["likelihood"]), 3)} for c in kept)
+    rows.append(replace(MODEL, likelihood=unknown, speaks_for=_jumps(departure)))
+    rows.sort(key=_descending)
+    kept = [c for i, c in enumerate(rows) if i < FEWEST or (c.likelihood or 0.0) >= SHOWN]
+    return tuple(replace(c, likelihood=round(c.likelihood or 0.0, 3)) for c in kept)
 
 
-def _cause(j: Judged, share: float, d: Departure, vector: Vector) -> JsonObject:
+def _descending(cause: Cause) -> float:
+    return -(cause.likelihood or 0.0)
+
+
+def _cause(j: Judged, share: float, d: Departure, vector: Vector) -> Cause:
     h = j.hypothesis
     supports, objects = _speaks(j, d, vector)
     size = j.extent * h.size
-    return {
-        "name": h.name,
-        "where": h.where,
-        "meaning": h.meaning,
-        "kind": h.kind,
-        "likelihood": share,
-        "for": supports,
-        "against": objects,
-        "size": {"value": float(f"{size:.2g}"), "unit": h.unit},
-        "checks": list(advice(h, size)),
-    }
+    return Cause(
+        name=h.name,
+        where=h.where,
+        meaning=h.meaning,
+        kind=h.kind,
+        likelihood=share,
+        speaks_for=supports,
+        speaks_against=objects,
+        size=Size(float(f"{size:.2g}"), h.unit),
+        checks=advice(h, size),
+    )
 
 
-def _speaks(j: Judged, d: Departure, vector: Vector) -> tuple[list[str], list[str]]:
+def _speaks(j: Judged, d: Departure, vector: Vector) -> tuple[tuple[Message, ...], tuple[Message, ...]]:
     """Elements of the evidence that the cause foretells, and those that it does not."""
     noise = np.sqrt(np.diagonal(vector.covariance))
     supports, objects = [], []
-    for i, (word, seen, expected) in enumerate(_elements(j, d, vector)):
+    for i, (what, symbol, seen, expected) in enumerate(_elements(j, d, vector)):
         told = abs(expected) > PLAIN * noise[i]
         moved = abs(seen) > PLAIN * noise[i]
         off = abs(seen - expected) > PLAIN * j.sd[i]
-        side = "above" if seen > 0 else "below"
         if moved and told and seen * expected > 0 and not off:
-            supports.append(word.format(side=side))
+            supports.append(seen_at(what, symbol, seen))
         elif moved and (not told or seen * expected < 0):
-            objects.append(f"it does not explain that {word.format(side=side)}")
+            objects.append(Message.of("unexplained", what=seen_at(what, symbol, seen)))
         elif told and off:
-            objects.append(f"it would show that {word.format(side='above' if expected > 0 else 'below')}")
-    return supports[:3], objects[:3]
+            objects.append(Message.of("would_show", what=seen_at(what, symbol, expected)))
+    return tuple(supports[:3]), tuple(objects[:3])
 
 
-def _elements(j: Judged, d: Departure, vector: Vector) -> Sequence[tuple[str, float, float]]:
-    words = [f"{s} is {{side}} its baseline" for s in d.symbols]
-    words += [f"{s} is {{side}} what the model expects" for s in d.outputs]
-    words += [f"{s} jumped at the onset" for s in d.outputs]
-    return list(zip(words, vector.x.tolist(), j.expected.tolist(), strict=True))
+def seen_at(what: str, symbol: str, side: float) -> Message:
+    """That a parameter or an output is above or below what is expected, or that it jumped."""
+    code = what if what == "jumped" else f"{what}_{'above' if side > 0 else 'below'}"
+    return Message.of(code, symbol=symbol)
 
 
-def _jumps(d: Departure) -> list[str]:
-    return [f"{s} jumped at the onset" for s, v in zip(d.outputs, d.jump.tolist(), strict=True) if abs(v) > 8.0]
+def _elements(j: Judged, d: Departure, vector: Vector) -> Sequence[tuple[str, str, float, float]]:
+    what = ["parameter"] * len(d.symbols) + ["output"] * len(d.outputs) + ["jumped"] * len(d.outputs)
+    symbols = (*d.symbols, *d.outputs, *d.outputs)
+    return list(zip(what, symbols, vector.x.tolist(), j.expected.tolist(), strict=True))
+
+
+def _jumps(d: Departure) -> tuple[Message, ...]:
+    jumps = zip(d.outputs, d.jump.tolist(), strict=True)
+    return tuple(seen_at("jumped", s, v) for s, v in jumps if abs(v) > 8.0)

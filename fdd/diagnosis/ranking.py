@@ -6,14 +6,15 @@ The evidence says which charts rang, and to which side. Agreement speaks for a c
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from fdd.diagnosis.advice import checks_of
 from fdd.diagnosis.departure import Departure
-from fdd.diagnosis.measured import measured_causes
+from fdd.diagnosis.measured import measured_causes, seen_at
+from fdd.evidence import Cause, ChartEvidence, Message
 from fdd.models.declare import ComponentModel, Fault
-from fdd.records import Alarm, JsonObject
+from fdd.records import Alarm
 
 # Each sign that agrees multiplies a cause's odds by this, each that does not divides them.
 WEIGHT = 3.0
@@ -29,11 +30,10 @@ SURE = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a technician reads first: one sentence, causes in order of likelihood, and checks in order; severity."""
+    """Causes in order of likelihood, and checks in order; severity."""
 
-    summary: str
-    causes: tuple[JsonObject, ...]
-    checks: tuple[str, ...]
+    causes: tuple[Cause, ...]
+    checks: tuple[Message, ...]
     severity: str = "medium"
 
 
@@ -51,59 +51,54 @@ def diagnose(model: ComponentModel, alarm: Alarm, departure: Departure | None = 
     Parameters
     ----------
     model : the component's declaration; its fault table gives the hypotheses
-    alarm : with ``evidence["charts"]``, chart name to ``symbol``, ``direction`` and, from score charts, ``change`` and
-        ``standard_error``
+    alarm : with the charts that rang
     departure : how parameters and innovations have moved since the onset; where the model has measured signatures,
         causes are ranked by its likelihood under each, otherwise by the signs of the charts that rang
     """
-    charts = list(alarm.evidence["charts"].values())
+    charts = list(alarm.evidence.charts.values())
     signs = _signs(model, charts)
     causes = measured_causes(model, departure) if departure is not None else ()
     causes = causes or _declared_causes(model, signs)
-    checks = tuple(dict.fromkeys(check for cause in causes[:3] for check in cause["checks"]))
-    return Finding(_summary(model, alarm, signs, causes), causes, checks, severity(charts))
+    checks = tuple(dict.fromkeys(check for cause in causes[:3] for check in cause.checks))
+    return Finding(causes, checks, severity(charts))
 
 
-def _declared_causes(model: ComponentModel, signs: _Signs) -> tuple[JsonObject, ...]:
-    ranked = sorted((_judge(fault, signs) for fault in model.faults), key=lambda c: -float(c["likelihood"]))
-    total = sum(float(c["likelihood"]) for c in ranked) or 1.0
-    return tuple({**c, "likelihood": round(float(c["likelihood"]) / total, 3)} for c in ranked)
+def _declared_causes(model: ComponentModel, signs: _Signs) -> tuple[Cause, ...]:
+    outputs = {q.symbol for q in model.outputs}
+    judged = [_judge(fault, signs, outputs) for fault in model.faults]
+    total = sum(odds for odds, _ in judged) or 1.0
+    ranked = sorted(judged, key=lambda j: -j[0])
+    return tuple(replace(c, likelihood=round(odds / total, 3)) for odds, c in ranked)
 
 
-def severity(charts: list[JsonObject]) -> str:
+def severity(charts: Sequence[ChartEvidence]) -> str:
     """``low``, ``medium`` or ``high``: by the largest relative change of a parameter, and how sure it is.
 
     Medium from 10 %, high from 25 %; a change of fewer than three standard errors counts one class lower. Innovation
     charts give no size: an alarm that rests on them alone is medium.
     """
-    sized = [c for c in charts if c.get("scale") == "relative" and float(c.get("standard_error", 0.0)) > 0]
+    sized = [c for c in charts if c.scale == "relative" and (c.standard_error or 0.0) > 0]
     if not sized:
         return "medium"
-    largest = max(sized, key=lambda c: abs(float(c["change"])))
-    size = abs(float(largest["change"]))
+    largest = max(sized, key=lambda c: abs(c.change or 0.0))
+    size = abs(largest.change or 0.0)
     grade = int(size >= MEDIUM) + int(size >= HIGH)
-    if _strength(largest) < SURE:
+    if largest.strength < SURE:
         grade = max(0, grade - 1)
     return ("low", "medium", "high")[grade]
 
 
-def _signs(model: ComponentModel, charts: list[JsonObject]) -> _Signs:
+def _signs(model: ComponentModel, charts: Sequence[ChartEvidence]) -> _Signs:
     names = {q.symbol for q in model.outputs}
-    outputs = {c["symbol"]: int(c["direction"]) for c in charts if c["symbol"] in names}
-    moved = {c["symbol"]: (int(c["direction"]), _strength(c)) for c in charts if c["symbol"] not in names}
+    outputs = {c.symbol: c.direction for c in charts if c.symbol in names}
+    moved = {c.symbol: (c.direction, c.strength) for c in charts if c.symbol not in names}
     strongest = max((strength for _, strength in moved.values()), default=0.0)
     kept = {symbol: sign for symbol, (sign, strength) in moved.items() if strength >= SHADOW * strongest}
     return _Signs(outputs, kept)
 
 
-def _strength(chart: JsonObject) -> float:
-    """Evidence that a parameter has moved: its change in standard errors."""
-    error = float(chart.get("standard_error", 0.0))
-    return abs(float(chart["change"])) / error if error > 0 else 0.0
-
-
-def _judge(fault: Fault, signs: _Signs) -> JsonObject:
-    """Weigh one hypothesis."""
+def _judge(fault: Fault, signs: _Signs, outputs: Collection[str]) -> tuple[float, Cause]:
+    """Weigh one hypothesis: its odds, and what speaks for and against it."""
     agree, against = [], []
     odds = 1.0
     for target, expected in fault.shows.items():
@@ -111,7 +106,7 @@ def _judge(fault: Fault, signs: _Signs) -> JsonObject:
         seen = (signs.outputs if target.startswith("innovation:") else signs.parameters).get(symbol)
         if seen is None:
             continue
-        word = f"{symbol} is {'above' if seen > 0 else 'below'} what the model expects"
+        word = seen_at("output" if symbol in outputs else "parameter", symbol, seen)
         if expected in (seen, EITHER):
             odds *= WEIGHT
             agree.append(word)
@@ -120,15 +115,14 @@ def _judge(fault: Fault, signs: _Signs) -> JsonObject:
             against.append(word)
     for symbol in _unexplained(fault, signs):
         odds /= WEIGHT
-        against.append(f"it does not explain {symbol}")
-    return {
-        "name": fault.name,
-        "meaning": fault.meaning,
-        "likelihood": odds,
-        "for": agree,
-        "against": against,
-        "checks": list(checks_of(fault.name, fault.checks)),
-    }
+        against.append(Message.of("unexplained_symbol", symbol=symbol))
+    return odds, Cause(
+        name=fault.name,
+        meaning=Message.declared(fault.meaning),
+        speaks_for=tuple(agree),
+        speaks_against=tuple(against),
+        checks=checks_of(fault.name, fault.checks),
+    )
 
 
 def _unexplained(fault: Fault, signs: _Signs) -> list[str]:
@@ -137,14 +131,3 @@ def _unexplained(fault: Fault, signs: _Signs) -> list[str]:
     left = sorted(set(signs.outputs) - outputs)
     moved = set(signs.parameters)
     return left if moved & set(fault.shows) else left + sorted(moved)
-
-
-def _summary(model: ComponentModel, alarm: Alarm, signs: _Signs, causes: tuple[JsonObject, ...]) -> str:
-    meanings = {q.symbol: q.meaning for q in (*model.outputs, *model.parameters)}
-    parts = []
-    for side, word in ((1, "higher"), (-1, "lower")):
-        which = [meanings[s] for s, sign in {**signs.outputs, **signs.parameters}.items() if sign == side]
-        if which:
-            parts.append(f"{' and '.join(which)} {word}")
-    likely = f"most likely {causes[0]['meaning']} " if causes else ""
-    return f"{alarm.component}: {likely}({', '.join(parts)} than the model expects)"

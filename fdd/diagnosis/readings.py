@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from fdd.evidence import Message
+from fdd.evidence import check as check_of
+
 SEAT = "shuts tight over the full stroke if the valve is well"
 BEHIND = "it cools within minutes if the valve is tight"
 READINGS: dict[str, str] = {
@@ -51,9 +54,9 @@ READINGS: dict[str, str] = {
 }
 
 
-def with_reading(check: str) -> str:
-    """``what to do: what it shows``; unchanged where it says so already or nothing is known."""
+def with_reading(check: str) -> Message:
+    """What to do and what it shows; without where the check says so already or nothing is known."""
     reading = READINGS.get(check)
     if reading is None and check.startswith("compare the sensor of room "):
         reading = READINGS["compare the sensor with a hand-held one"]
-    return f"{check}: {reading}" if reading else check
+    return check_of(check, reading) if reading else check_of(*check.split(": ", 1))

@@ -192,7 +192,7 @@ def standing(changes: Iterable[Alarm], end: int) -> list[Standing]:
     open_: dict[str, Standing] = {}
     closed: list[Standing] = []
     for alarm in changes:
-        cause = str(alarm.causes[0]["name"]) if alarm.causes else ""
+        cause = alarm.causes[0].name if alarm.causes else ""
         known = open_.get(alarm.key)
         if alarm.state in STANDING:
             known = known or Standing(alarm.component, alarm.updated, end, ())

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fdd.evidence import parts_of
 from fdd.records import Baseline
 from fdd.report.evidence import Evidence, Trace
 from fdd.report.findings import Finding
 from fdd.report.site import ComponentInfo, SiteInfo
-from fdd.report.words import DAY, chart_words, in_words, interval, local_day, percent, quantity, sentence
+from fdd.report.telling import Speaker
+from fdd.report.words import DAY, in_words, interval, local_day, percent, quantity, sentence
 from fdd.store.store import Store
 
 MODEL = "gordon_ng"
@@ -69,7 +69,7 @@ def chiller_section(
     """Everything about one chiller in the period [start, end) [ns]; ``findings`` are its own."""
     name, info = baseline.component, site.component(baseline.component)
     level = str(baseline.diagnostics.get("level", ""))
-    reasons = tuple(sentence(in_words(r, name, info)) for r in baseline.diagnostics.get("reasons", ()))
+    reasons = tuple(sentence(in_words(r, info)) for r in baseline.diagnostics.get("reasons", ()))
     trace = evidence.outputs.get("power")
     inside = None if trace is None else trace.between(start, end)
     return ChillerSection(
@@ -82,7 +82,7 @@ def chiller_section(
         last_day=_last_day(inside, site),
         severity=next((f.severity for f in findings), ""),
         points=_points(store, name, inside, start, end),
-        charts=tuple(_charts(info, evidence, start, end)),
+        charts=tuple(_charts(site, evidence, start, end)),
         cost=next((f"{f.cost} ({f.cost_detail})" if f.cost_detail else f.cost for f in findings if f.cost), ""),
     )
 
@@ -144,7 +144,7 @@ def _points(store: Store, name: str, trace: Trace | None, start: int, end: int) 
     return f"{points} steady points in this period{share}"
 
 
-def _charts(info: ComponentInfo, evidence: Evidence, start: int, end: int) -> list[tuple[str, str]]:
+def _charts(site: SiteInfo, evidence: Evidence, start: int, end: int) -> list[tuple[str, str]]:
     found = []
     for name, chart in evidence.charts.items():
         part = chart.between(start, end)
@@ -152,5 +152,5 @@ def _charts(info: ComponentInfo, evidence: Evidence, start: int, end: int) -> li
         if len(good):
             ratio = float(part.statistic[good[-1]] / part.limit[good[-1]])
             words = "over its limit" if ratio >= 1 else f"{percent(ratio)} of its limit"
-            found.append((sentence(chart_words(*parts_of(name), info)).rstrip("."), words))
+            found.append((sentence(Speaker(site).chart(name)).rstrip("."), words))
     return found

@@ -9,7 +9,7 @@ from fdd.records import Alarm, AlarmState, Baseline
 from fdd.report.chillers import MODEL as CHILLER
 from fdd.report.chillers import ChillerSection, chiller_section
 from fdd.report.evidence import Catalogue, Evidence, latest, load
-from fdd.report.findings import URGENCY, Finding, alarm_of, finding, of_model, order
+from fdd.report.findings import URGENCY, Finding, finding, of_model, order
 from fdd.report.monitoring import (
     Budget,
     Count,
@@ -163,7 +163,7 @@ def gather(
     ReportError : the period is empty, or the site's time zone is unknown
     """
     _ = site.tz  # refused before anything is read
-    alarms = [alarm_of(d) for d in store.list("alarm")]
+    alarms = [Alarm.read(d) for d in store.list("alarm")]
     catalogue = Catalogue.of(store)
     if end is None:
         newest = latest(store, catalogue)

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from fdd.evidence import parts_of
-from fdd.records import Alarm, AlarmState, JsonObject
+from fdd import evidence as told
+from fdd.evidence import AlarmKind, Cost, Message
+from fdd.records import Alarm, AlarmState
 from fdd.report.evidence import Evidence
 from fdd.report.site import ComponentInfo, SiteInfo
+from fdd.report.telling import Speaker
 from fdd.report.words import (
     DAY,
     STATES,
-    chart_words,
     duration,
-    in_words,
     inside,
     likely,
-    listed,
     local,
-    names_in_words,
     quantity,
     sentence,
 )
@@ -136,22 +133,16 @@ class Finding:
         return "finding-" + "".join(c if c.isascii() and c.isalnum() else "-" for c in self.key)
 
 
-def alarm_of(document: JsonObject) -> Alarm:
-    """The alarm of a store's document."""
-    lists = {name: tuple(document.get(name) or ()) for name in ("charts", "causes", "checks", "history")}
-    return Alarm(**{**document, **lists, "state": AlarmState(document["state"])})
-
-
 def of_model(alarm: Alarm) -> bool:
     """Whether an alarm speaks of the model of a component, and accuses no equipment."""
-    return alarm.evidence.get("kind") == "model"
+    return alarm.evidence.kind is AlarmKind.MODEL
 
 
 def order(alarm: Alarm) -> tuple[int, int, float, int]:
     """Sorts the most urgent first: by state, severity, cost, then age."""
     severity = SEVERITIES.index(alarm.severity) if alarm.severity in SEVERITIES else 2
     state = URGENCY.index(alarm.state) if alarm.state in URGENCY else len(URGENCY)
-    return state, -severity, -(_cost(alarm.evidence)[0] or 0.0), alarm.since
+    return state, -severity, -((alarm.evidence.cost.value if alarm.evidence.cost else None) or 0.0), alarm.since
 
 
 def finding(alarm: Alarm, site: SiteInfo, evidence: Evidence, suppressed: Sequence[Alarm], end: int) -> Finding:
@@ -166,9 +157,10 @@ def finding(alarm: Alarm, site: SiteInfo, evidence: Evidence, suppressed: Sequen
     end : end of the report's period [ns]
     """
     info = site.component(alarm.component)
-    signals = _signals(alarm, info, evidence)
-    causes = tuple(_cause(c, alarm.component, info) for c in alarm.causes)
-    cost, cost_words, cost_detail = _cost(alarm.evidence, site)
+    speaker = Speaker(site, keys=False)
+    signals = _signals(alarm, speaker, evidence)
+    causes = tuple(_cause(c, alarm.component, speaker) for c in alarm.causes)
+    cost, cost_words, cost_detail = _cost(alarm, speaker)
     return Finding(
         key=alarm.key,
         component=alarm.component,
@@ -178,81 +170,65 @@ def finding(alarm: Alarm, site: SiteInfo, evidence: Evidence, suppressed: Sequen
         since=alarm.since,
         raised=alarm.raised,
         updated=alarm.updated,
-        summary=_summary(alarm, info),
+        summary=_summary(alarm, speaker),
         certainty=_certainty(alarm, causes, signals, evidence, site, end),
         cost=cost_words,
         cost_detail=cost_detail,
         cost_value=cost,
         causes=causes,
-        checks=tuple(check(c) for c in alarm.checks),
+        checks=tuple(check(c, alarm.component, speaker) for c in alarm.checks),
         readings=_readings(info, evidence, end),
         signals=signals,
-        history=tuple(_entry(e, alarm.component, info, site) for e in alarm.history),
-        caused_by=str(alarm.evidence.get("caused_by", "")),
-        consequences=tuple(
-            site.component(a.component).title for a in suppressed if a.evidence.get("caused_by") == alarm.key
-        ),
+        history=tuple(_entry(e, alarm.component, speaker) for e in alarm.history),
+        caused_by=alarm.evidence.caused_by,
+        consequences=tuple(site.component(a.component).title for a in suppressed if a.evidence.caused_by == alarm.key),
         evidence=evidence,
         kind="model" if of_model(alarm) else "plant",
     )
 
 
-def _summary(alarm: Alarm, info: ComponentInfo) -> str:
-    """What departs and to which side, and the likeliest cause; the service's own sentence where charts give no side."""
-    sides: dict[int, list[str]] = {1: [], -1: []}
-    for name, numbers in alarm.evidence.get("charts", {}).items():
-        meaning = info.meaning(str(numbers.get("symbol") or parts_of(name)[0]))
-        sides.get(int(numbers.get("direction", 0)), []).append(meaning)
+def _summary(alarm: Alarm, speaker: Speaker) -> str:
+    """What departs and to which side, and the likeliest cause; the line of lists where charts give no side."""
     if of_model(alarm):
-        return "Its model no longer describes it: what is said of its faults may be wrong until it has a new baseline."
-    parts = [f"{listed(what)} higher" for what in [sides[1]] if what]
-    parts += [f"{listed(what)} lower" for what in [sides[-1]] if what]
-    if parts and not info.daily:
-        likely = f" Most likely {inside(str(alarm.causes[0]['meaning']))}" if _has_meaning(alarm) else ""
-        return sentence(f"{', and '.join(parts)} than its healthy model expects.{likely}")
-    text = alarm.summary.removeprefix(f"{alarm.component}: ")
-    return sentence(in_words(text, alarm.component, info)) or "It no longer behaves as its healthy model expects."
+        return speaker.language.words("model")
+    sides = speaker.sides(list(alarm.evidence.charts.values()), speaker.site.component(alarm.component))
+    if sides and alarm.evidence.kind is AlarmKind.PLANT:
+        cause = inside(speaker.say(alarm.causes[0].meaning, alarm.component)) if alarm.causes else ""
+        return sentence(speaker.language.words("departs_likely" if cause else "departs", sides=sides, cause=cause))
+    return sentence(speaker.line(alarm))
 
 
-def _has_meaning(alarm: Alarm) -> bool:
-    return bool(alarm.causes and alarm.causes[0].get("meaning"))
-
-
-def check(item: str | Mapping[str, Any]) -> Check:
-    """A check from its text, ``what to do: what to expect``, or from a mapping with ``do`` and ``expect``."""
-    if isinstance(item, Mapping):
-        return Check(sentence(str(item.get("do", ""))), sentence(str(item.get("expect", ""))))
-    do, _, expect = item.partition(": ")
+def check(item: Message, component: str, speaker: Speaker) -> Check:
+    """A check: what to do, and what to expect; texts of before are ``what to do: what to expect``."""
+    if item.code == "check":
+        return Check(sentence(speaker.say(item["do"], component)), sentence(speaker.say(item["expect"], component)))
+    do, _, expect = speaker.say(item, component).partition(": ")
     return Check(sentence(do), sentence(expect))
 
 
-def _cause(cause: JsonObject, component: str, info: ComponentInfo) -> Cause:
+def _cause(cause: told.Cause, component: str, speaker: Speaker) -> Cause:
+    def said(items: Sequence[Message]) -> tuple[str, ...]:
+        return tuple(sentence(speaker.say(m, component)) for m in items)
+
     return Cause(
-        meaning=sentence(in_words(str(cause.get("meaning") or cause.get("name", "")), component, info)),
-        likelihood=float(cause.get("likelihood", float("nan"))),
-        speaks_for=tuple(sentence(in_words(str(t), component, info)) for t in cause.get("for", ())),
-        speaks_against=tuple(sentence(in_words(str(t), component, info)) for t in cause.get("against", ())),
-        checks=tuple(check(c) for c in cause.get("checks", ())),
+        meaning=sentence(speaker.say(cause.meaning, component)),
+        likelihood=float("nan") if cause.likelihood is None else cause.likelihood,
+        speaks_for=said(cause.speaks_for),
+        speaks_against=said(cause.speaks_against),
+        checks=tuple(check(c, component, speaker) for c in cause.checks),
     )
 
 
-def _signals(alarm: Alarm, info: ComponentInfo, evidence: Evidence) -> tuple[Signal, ...]:
-    charts = alarm.evidence.get("charts", {})
+def _signals(alarm: Alarm, speaker: Speaker, evidence: Evidence) -> tuple[Signal, ...]:
     found = []
-    for name in dict.fromkeys([*alarm.charts, *charts]):
-        numbers = charts.get(name, {})
-        symbol, kind = parts_of(name)
-        symbol = str(numbers.get("symbol") or symbol)
-        limit = float(numbers.get("limit") or np.nan)
-        ratio = float(numbers.get("statistic") or np.nan) / limit
+    for name, chart in alarm.evidence.charts.items():
+        ratio = chart.statistic / chart.limit if chart.limit else np.nan
         trace = evidence.charts.get(name)
         if trace is not None:
-            after = trace.between(int(numbers.get("raised", alarm.raised)), int(trace.time[-1]) + 1)
+            after = trace.between(chart.raised, int(trace.time[-1]) + 1)
             seen = after.statistic / after.limit
             ratio = float(np.nanmax([ratio, *seen[np.isfinite(seen)]])) if len(seen) else ratio
-        direction = int(numbers.get("direction", 0))
-        raised = int(numbers.get("raised", alarm.raised))
-        found.append(Signal(name, sentence(chart_words(symbol, kind, info)), direction, raised, ratio))
+        found.append(Signal(name, sentence(speaker.chart(name)), chart.direction, chart.raised, ratio))
     return tuple(found)
 
 
@@ -282,9 +258,8 @@ def _certainty(
 def _departures(alarm: Alarm, info: ComponentInfo, evidence: Evidence, end: int) -> list[str]:
     """Mean of measured minus expected since the onset, for the outputs whose charts passed their limits."""
     lines = []
-    for name in alarm.evidence.get("charts", {}):
-        symbol = str(alarm.evidence["charts"][name].get("symbol") or parts_of(name)[0])
-        trace, output = evidence.outputs.get(symbol), info.outputs.get(symbol)
+    for chart in alarm.evidence.charts.values():
+        trace, output = evidence.outputs.get(chart.symbol), info.outputs.get(chart.symbol)
         if trace is None or output is None:
             continue
         until = end if alarm.state not in (AlarmState.RETURNED, AlarmState.CLEARED) else alarm.updated
@@ -304,13 +279,12 @@ def _departures(alarm: Alarm, info: ComponentInfo, evidence: Evidence, end: int)
 def _changes(alarm: Alarm, info: ComponentInfo) -> list[str]:
     """How far parameters have moved, where their charts could tell (``change``, ``standard_error``, ``scale``)."""
     lines = []
-    for name, numbers in alarm.evidence.get("charts", {}).items():
-        symbol = str(numbers.get("symbol") or parts_of(name)[0])
-        change, error = numbers.get("change"), numbers.get("standard_error")
-        if symbol not in info.parameters or change is None or error is None:
+    for chart in alarm.evidence.charts.values():
+        change, error = chart.change, chart.standard_error
+        if chart.symbol not in info.parameters or change is None or error is None:
             continue
-        described, side = info.parameters[symbol], "above" if change > 0 else "below"
-        if numbers.get("scale") == "relative":
+        described, side = info.parameters[chart.symbol], "above" if change > 0 else "below"
+        if chart.scale == "relative":
             size, spread = (f"{100 * x:.2g} %" for x in (abs(change), 1.96 * error))
         else:
             size, spread = (quantity(x, described.unit, difference=True) for x in (abs(change), 1.96 * error))
@@ -335,53 +309,38 @@ def _readings(info: ComponentInfo, evidence: Evidence, end: int) -> tuple[Readin
     return tuple(found)
 
 
-def _cost(evidence: JsonObject, site: SiteInfo | None = None) -> tuple[float | None, str, str]:
-    """Value, words and detail of the cost a day from the alarm's evidence.
-
-    ``cost_per_day`` is a number or {value, lower, upper, basis, currency}; without it ``power_W`` is told.
-    """
-    cost = evidence.get("cost_per_day")
-    table: Mapping[str, Any] = cost if isinstance(cost, Mapping) else {"value": cost}
-    value = table.get("value")
-    if value is not None and np.isfinite(float(value)):
-        currency = str(table.get("currency") or (site.currency if site else "EUR"))
-        detail = []
-        if table.get("lower") is not None and table.get("upper") is not None:
-            detail.append(f"between {float(table['lower']):.2f} and {float(table['upper']):.2f}")
-        if table.get("basis"):
-            detail.append(str(table["basis"]))
-        if float(value) < 0:
-            detail.insert(0, f"{-float(value):.2f} {currency} a day less than when healthy")
-            return float(value), "No extra cost", "; ".join(detail)
-        return float(value), f"{float(value):.2f} {currency} a day", "; ".join(detail)
-    if isinstance(cost, Mapping):
-        return None, *_unpriced(cost)
-    power = evidence.get("power_W")
-    if power is not None:
-        return None, f"{quantity(float(power), 'W')} of extra power", "no price is known"
-    return None, "", ""
+def _cost(alarm: Alarm, speaker: Speaker) -> tuple[float | None, str, str]:
+    """Value, words and detail of the cost a day."""
+    cost = alarm.evidence.cost
+    if cost is None:
+        return None, "", ""
+    said = [speaker.say(m, alarm.component) for m in (cost.why, cost.basis) if m is not None]
+    if cost.value is None:
+        return None, *_unpriced(cost, "; ".join(said))
+    detail = said[-1:] if cost.basis is not None else []
+    if cost.lower is not None and cost.upper is not None:
+        detail.insert(0, f"between {cost.lower:.2f} and {cost.upper:.2f}")
+    if cost.value < 0:
+        detail.insert(0, f"{-cost.value:.2f} {cost.currency} a day less than when healthy")
+        return cost.value, "No extra cost", "; ".join(detail)
+    return cost.value, f"{cost.value:.2f} {cost.currency} a day", "; ".join(detail)
 
 
-def _unpriced(cost: Mapping[str, Any]) -> tuple[str, str]:
+def _unpriced(cost: Cost, detail: str) -> tuple[str, str]:
     """Words and detail of a cost without a price: energy, lost comfort, or why nothing can be said."""
-    detail = "; ".join(str(cost[k]) for k in ("why", "basis") if cost.get(k))
-    energy = cost.get("kWh_per_day")
-    if cost.get("kind") == "comfort" and energy is not None:
-        return f"Comfort: {float(energy):.1f} kWh a day of heat missing", detail
-    if energy is not None and float(energy) < 0:
-        return "No extra cost", f"{-float(energy):.1f} kWh a day less than when healthy; {detail}"
-    return (f"{float(energy):.1f} kWh a day" if energy is not None else "Not in money"), detail
+    energy = cost.energy
+    if cost.kind == "comfort" and energy is not None:
+        return f"Comfort: {energy:.1f} kWh a day of heat missing", detail
+    if energy is not None and energy < 0:
+        return "No extra cost", f"{-energy:.1f} kWh a day less than when healthy; {detail}"
+    return (f"{energy:.1f} kWh a day" if energy is not None else "Not in money"), detail
 
 
-def _entry(entry: JsonObject, component: str, info: ComponentInfo, site: SiteInfo) -> Entry:
-    state = str(entry.get("state", ""))
-    actor = str(entry.get("actor", ""))
-    comment = str(entry.get("comment", ""))
-    if actor != SERVICE:  # what people write stands as they wrote it
-        return Entry(int(entry["time"]), state, actor, comment)
-    # Points first: what a symbol means may hold a word that is also a point's name.
-    said = sentence(in_words(names_in_words(comment, site), component, info))
-    return Entry(int(entry["time"]), state, "the service", said)
+def _entry(entry: told.Entry, component: str, speaker: Speaker) -> Entry:
+    """What the service did comes in words; what people wrote stands as they wrote it."""
+    actor = speaker.language.words("service") if entry.actor == SERVICE else entry.actor
+    said = entry.comment if entry.reason is None else sentence(speaker.say(entry.reason, component))
+    return Entry(entry.time, entry.state, actor, said)
 
 
 def timing(f: Finding, site: SiteInfo, end: int) -> dict[str, str]:

@@ -20,11 +20,23 @@ class Language:
     """One catalogue: templates by section and code."""
 
     code: str
-    sections: Mapping[str, Mapping[str, Any]]
+    sections: Mapping[str, Mapping[str, str]]
 
     def chart(self, kind: ChartKind) -> str:
         """The title of a kind of chart."""
-        return str(self.sections["charts"][kind])
+        return self.sections["charts"][kind]
+
+    def message(self, code: str) -> str:
+        """The template of a message."""
+        return self.sections["messages"][code]
+
+    def words(self, code: str, **arguments: Any) -> str:
+        """A part of a sentence, with its arguments."""
+        return self.sections["words"][code].format(**arguments)
+
+    def declared(self, text: str) -> str:
+        """A text of a model's declaration: its own in English, else its translation, or itself where there is none."""
+        return self.sections.get("declared", {}).get(text, text)
 
 
 def languages() -> tuple[str, ...]:

@@ -67,6 +67,7 @@ class SiteInfo:
     false_alarms_per_year : the budget, for the whole plant [1/a]
     components : name to what it is, in the order they are reported
     tariffs : ``currency`` and prices per kWh (``heat``, ``cooling``, ``electricity``), where known
+    language : of the report and of lists of alarms
     """
 
     name: str
@@ -74,6 +75,7 @@ class SiteInfo:
     false_alarms_per_year: float
     components: Mapping[str, ComponentInfo]
     tariffs: Mapping[str, float | str | None] = field(default_factory=dict)
+    language: str = "en"
 
     @cached_property
     def tz(self) -> ZoneInfo:

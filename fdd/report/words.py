@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 from datetime import datetime
 from zoneinfo import ZoneInfo
 
-from fdd.evidence import ChartKind
 from fdd.records import NANOSECONDS, AlarmState
-from fdd.report.language import language
-from fdd.report.site import ComponentInfo, SiteInfo
+from fdd.report.site import ComponentInfo
 
 DAY = 86400 * NANOSECONDS
 HOUR = 3600 * NANOSECONDS
-ALL = "all"
-"""Stands for a symbol in the name of a chart that watches all measurements together."""
 
 STATES = {
     AlarmState.RAISED: "open, nobody has confirmed it yet",
@@ -133,22 +128,8 @@ def duration(nanoseconds: int) -> str:
     return f"{hours} h {minutes} min" if hours and minutes else f"{hours} h" if hours else f"{minutes} min"
 
 
-def chart_words(symbol: str, kind: ChartKind, info: ComponentInfo) -> str:
-    """A chart by what it does and what it watches."""
-    title = language().chart(kind)
-    if kind is ChartKind.STEADY:
-        return title
-    return f"{title} of {info.meaning(symbol) if symbol != ALL else 'all measurements together'}"
-
-
-def in_words(text: str, component: str, info: ComponentInfo) -> str:
-    """A sentence of the service with chart names and symbols replaced by what they mean."""
-
-    def chart(match: re.Match[str]) -> str:
-        return f"the {chart_words(match[1], ChartKind(match[2]), info)}"
-
-    kinds = "|".join(ChartKind)
-    text = re.sub(rf"(?:\bchart )?{re.escape(component)}/([^\s:/]+):({kinds})\b", chart, text)
+def in_words(text: str, info: ComponentInfo) -> str:
+    """A sentence of the service with symbols replaced by what they mean."""
     known = {s for s in (*info.outputs, *info.parameters) if info.meaning(s) != s}
     if not known:
         return text
@@ -161,31 +142,6 @@ def _symbol_pattern(symbol: str) -> str:
     if re.fullmatch(r"[a-z]|A|I", symbol):  # also words of English: only where nothing but a symbol can stand
         return rf"^{bare}(?= is )|(?<=explain ){bare}$"
     return rf"(?<![\w/@.-]){bare}(?![\w/@-])"
-
-
-def names_in_words(text: str, site: SiteInfo) -> str:
-    """A sentence of the service with alarm keys and points replaced by the equipment and measurement they belong to."""
-    for name in sorted(site.components, key=len, reverse=True):
-        info = site.components[name]
-        # A key ends before the punctuation of the sentence that it stands in.
-        key = rf"(?:\balarm )?(?<!\S){re.escape(name)}@\S+?(?=[,;:.]?(?:\s|$))"
-        text = _replace(key, f"the alarm of {info.title}", text)
-        text = _replace(rf"^{re.escape(name)} has (?=the alarm of )", "It follows from ", text)
-        for output in info.outputs.values():
-            if output.point and output.meaning:
-                said = f"the {output.meaning} of {info.title} ({output.point})"
-                text = _replace(rf"(?<![\w./(-]){re.escape(output.point)}(?![\w/-])", said, text)
-    return text
-
-
-def _replace(pattern: str, words: str, text: str) -> str:
-    return re.sub(pattern, lambda _: words, text)
-
-
-def listed(items: Sequence[str]) -> str:
-    """One, two and three."""
-    unique = list(dict.fromkeys(items))
-    return " and ".join([", ".join(unique[:-1]), unique[-1]]) if len(unique) > 1 else "".join(unique)
 
 
 def inside(text: str) -> str:

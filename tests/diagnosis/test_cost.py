@@ -7,6 +7,7 @@ import pytest
 
 from fdd.diagnosis.cost import CP, Tariffs, daily_cost, with_cost
 from fdd.diagnosis.departure import Departure, Operation
+from fdd.evidence import Cause, Cost, Message
 from fdd.models.declare import ComponentModel
 from fdd.models.registry import get_model
 
@@ -47,10 +48,10 @@ def test_an_envelope_that_loses_more_costs_the_extra_heat_of_a_day() -> None:
         model, moved(model, "R_ia", -0.2, 0.02), hours(T_room=21.0, T_out=1.0, I_solar=0.0, P_heat=0.0), (), TARIFFS
     )
     energy = (np.exp(0.2) - 1) / typical * 20.0 * 24 / 1000
-    assert found["kWh_per_day"] == pytest.approx(energy)
-    assert found["value"] == pytest.approx(0.1 * energy)
-    assert found["lower"] < found["value"] < found["upper"]
-    assert found["upper"] == pytest.approx(0.1 * (np.exp(0.2 + 1.96 * 0.02) - 1) / typical * 20.0 * 24 / 1000)
+    assert found.energy == pytest.approx(energy)
+    assert found.value == pytest.approx(0.1 * energy)
+    assert found.lower < found.value < found.upper
+    assert found.upper == pytest.approx(0.1 * (np.exp(0.2 + 1.96 * 0.02) - 1) / typical * 20.0 * 24 / 1000)
 
 
 def test_a_fouled_exchanger_costs_the_heat_that_a_clean_one_would_pass() -> None:
@@ -64,8 +65,8 @@ def test_a_fouled_exchanger_costs_the_heat_that_a_clean_one_would_pass() -> None
     )  # fmt: skip
     found = daily_cost(model, moved(model, "UA", np.log(0.8), 0.01), operation, (), TARIFFS)
     clean = CP * flow * drive * (units / 0.8) / (1 + units / 0.8)
-    assert found["kWh_per_day"] == pytest.approx((clean - heat) * 24 / 1000, rel=0.01)
-    assert found["currency"] == "EUR"
+    assert found.energy == pytest.approx((clean - heat) * 24 / 1000, rel=0.01)
+    assert found.currency == "EUR"
 
 
 def test_a_radiator_loses_comfort_and_no_energy() -> None:
@@ -78,23 +79,23 @@ def test_a_radiator_loses_comfort_and_no_energy() -> None:
         TARIFFS,
     )
     given, before = CP * 0.1 * 20.0, CP * 0.1 * 40.0 * (1 - 0.5 ** (1 / 0.7))
-    assert found["kind"] == "comfort"
-    assert found["value"] is None
-    assert found["why"]
-    assert found["kWh_per_day"] == pytest.approx((before - given) * 24 / 1000)
+    assert found.kind == "comfort"
+    assert found.value is None
+    assert found.why
+    assert found.energy == pytest.approx((before - given) * 24 / 1000)
 
 
 def test_what_cannot_be_told_is_said_in_words() -> None:
     model = get_model("zone", nodes="Ti")
     departure = moved(model, "R_ia", -0.2, 0.02)
     operation = hours(T_room=21.0, T_out=1.0, I_solar=0.0, P_heat=0.0)
-    sensor = daily_cost(model, departure, operation, ({"kind": "sensor"},), TARIFFS)
+    sensor = daily_cost(model, departure, operation, (Cause("bias", Message.of("chance"), kind="sensor"),), TARIFFS)
     unpriced = daily_cost(model, departure, operation, (), {"currency": "EUR", "heat": None})
     unseen = daily_cost(model, departure, Operation({}), (), TARIFFS)
     for found in (sensor, unpriced, unseen):
-        assert found["value"] is None
-        assert found["why"]
-    assert unpriced["kWh_per_day"] > 0
+        assert found.value is None
+        assert found.why
+    assert unpriced.energy > 0
 
 
 @pytest.mark.parametrize(
@@ -113,5 +114,5 @@ def test_what_cannot_be_told_is_said_in_words() -> None:
 def test_severity_follows_cost(
     severity: str, value: float | None, lower: float | None, upper: float | None, expected: str
 ) -> None:
-    cost = {"value": value, "lower": lower, "upper": upper}
+    cost = Cost(value=value, lower=lower, upper=upper)
     assert with_cost(severity, cost, {"dear": 10.0, "cheap": 0.5}) == expected

@@ -12,6 +12,7 @@ from fdd.models.declare import ComponentModel
 from fdd.models.registry import get_model
 from fdd.plant.district import models
 from fdd.records import FloatArray
+from fdd.report.telling import Speaker
 
 
 def departure(
@@ -57,22 +58,22 @@ def test_physics_made_by_hand_is_rightly_named(
 ) -> None:
     model = models()[component]
     causes = measured_causes(model, departure(model, shift, mean, jump))
-    assert (causes[0]["name"], causes[0]["where"]) == (name, where), causes
-    assert causes[0]["likelihood"] > 0.5
-    assert causes[0]["checks"]
-    assert all(": " in check for check in causes[0]["checks"])
+    assert (causes[0].name, causes[0].where) == (name, where), causes
+    assert causes[0].likelihood > 0.5
+    assert causes[0].checks
+    assert all(": " in Speaker().say(check, "") for check in causes[0].checks)
 
 
 def test_likelihoods_with_that_of_the_model_add_up_to_one() -> None:
     building = models()["building"]
     causes = measured_causes(building, departure(building, {"B_out_south": 0.25}, {"T_south": -1.2}, {}))
-    assert sum(c["likelihood"] for c in causes) == pytest.approx(1.0, abs=0.03)
+    assert sum(c.likelihood for c in causes) == pytest.approx(1.0, abs=0.03)
 
 
 def test_what_no_signature_explains_is_told_as_such() -> None:
     radiator = models()["radiator-south"]
     causes = measured_causes(radiator, departure(radiator, {"C": 0.9, "H": -0.9}, {"T_return": -6.0}, {}))
-    assert causes[0]["name"] == "model"
+    assert causes[0].name == "model"
 
 
 def test_a_model_that_nobody_measured_is_left_to_its_declared_signs() -> None:
@@ -106,8 +107,8 @@ def test_a_zone_tells_its_sensor_from_its_heater(
     model = get_model("zone", nodes="TiTe")
     assert tuple(p.symbol for p in model.parameters if p.kind == "physical") == ZONE
     causes = measured_causes(model, departure(model, shift, {"T_room": mean}, {"T_room": jump}))
-    assert (causes[0]["name"], causes[0]["where"]) == (name, where), causes
-    assert all(": " in check for cause in causes[:3] for check in cause["checks"])
+    assert (causes[0].name, causes[0].where) == (name, where), causes
+    assert all(": " in Speaker().say(check, "") for cause in causes[:3] for check in cause.checks)
 
 
 def test_signatures_of_another_form_of_the_model_are_not_used() -> None:

@@ -7,12 +7,15 @@ import pytest
 from fdd.diagnosis.advice import advice, checks_of
 from fdd.diagnosis.hypotheses import hypotheses
 from fdd.diagnosis.ranking import diagnose, severity
+from fdd.evidence import ChartEvidence, ChartKind, Evidence
 from fdd.models.heat_exchanger import heat_exchanger
 from fdd.models.registry import MODELS, get_model
 from fdd.records import Alarm, AlarmState, JsonObject
+from fdd.report.telling import Speaker
 
 
-def alarm(**charts: JsonObject) -> Alarm:
+def alarm(**given: JsonObject) -> Alarm:
+    charts = {f"hx/{c['symbol']}:cusum": ChartEvidence.read(f"hx/{c['symbol']}:cusum", c) for c in given.values()}
     return Alarm(
         key="hx@t",
         component="hx",
@@ -21,8 +24,7 @@ def alarm(**charts: JsonObject) -> Alarm:
         raised=1,
         updated=1,
         charts=tuple(charts),
-        summary="",
-        evidence={"charts": charts, "points": []},
+        evidence=Evidence(charts),
     )
 
 
@@ -34,9 +36,9 @@ def test_less_transfer_and_both_outlets_apart_is_fouling() -> None:
             b={"symbol": "T_cold_out", "direction": -1},
         ),
     )
-    assert found.causes[0]["name"] == "fouling"
-    assert found.causes[0]["likelihood"] > 0.5
-    assert "deposits" in found.summary
+    assert found.causes[0].name == "fouling"
+    assert found.causes[0].likelihood > 0.5
+    assert "deposits" in Speaker().say(found.causes[0].meaning, "hx")
     assert found.checks
 
 
@@ -48,7 +50,7 @@ def test_one_outlet_alone_speaks_for_its_sensor_more_than_two_outlets_do() -> No
     )
 
     def share(found: object, name: str) -> float:
-        return next(c["likelihood"] for c in found.causes if c["name"] == name)  # type: ignore[attr-defined, no-any-return]
+        return next(c.likelihood for c in found.causes if c.name == name)  # type: ignore[attr-defined, no-any-return]
 
     assert share(one, "fouling") < share(two, "fouling")
 
@@ -67,13 +69,13 @@ def test_a_correlated_parameter_does_not_speak_against_the_cause_that_explains_i
             b={"symbol": twin, "direction": 1, **strong},
         ),
     )
-    cause = next(c for c in found.causes if c["name"] == "fouling")
-    assert cause["against"] == []
+    cause = next(c for c in found.causes if c.name == "fouling")
+    assert cause.speaks_against == ()
 
 
 def test_likelihoods_add_up_to_one() -> None:
     found = diagnose(heat_exchanger(), alarm(a={"symbol": "T_hot_out", "direction": -1}))
-    assert abs(sum(c["likelihood"] for c in found.causes) - 1) < 0.01
+    assert abs(sum(c.likelihood for c in found.causes) - 1) < 0.01
 
 
 @pytest.mark.parametrize(
@@ -87,12 +89,12 @@ def test_likelihoods_add_up_to_one() -> None:
     ],
 )
 def test_severity_is_size_and_certainty(change: float, error: float, expected: str) -> None:
-    chart = {"symbol": "C", "change": change, "standard_error": error, "scale": "relative"}
-    assert severity([{"symbol": "T_out"}, chart]) == expected
+    chart = ChartEvidence("C", ChartKind.SCORE, change=change, standard_error=error, scale="relative")
+    assert severity([ChartEvidence("T_out", ChartKind.CUSUM), chart]) == expected
 
 
 def test_severity_without_a_size_is_medium() -> None:
-    assert severity([{"symbol": "T_out", "statistic": 20.0}]) == "medium"
+    assert severity([ChartEvidence("T_out", ChartKind.CUSUM, 20.0)]) == "medium"
 
 
 @pytest.mark.parametrize("name", sorted(MODELS))
@@ -102,6 +104,6 @@ def test_every_check_of_every_model_says_what_reading_to_expect(name: str) -> No
     for h in hypotheses(model, physical):
         checks = advice(h, h.size)
         assert checks, (name, h.name)
-        assert [c for c in checks if ": " not in c] == [], (name, h.name)
+        assert [c for c in checks if ": " not in Speaker().say(c, "")] == [], (name, h.name)
     for fault in model.faults:
-        assert [c for c in checks_of(fault.name, fault.checks) if ": " not in c] == [], (name, fault.name)
+        assert [c for c in checks_of(fault.name, fault.checks) if c.code != "check"] == [], (name, fault.name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from fdd.evidence import ChartEvidence, ChartKind
 from fdd.records import NANOSECONDS, Batch, JsonObject
 from fdd.service.alarms.book import Ring
 from fdd.service.daemon.checkpoint import Checkpoint
@@ -81,7 +82,7 @@ class Site:
 
 def ring(daemon: Daemon, component: str = "south") -> str:
     """An alarm that is open, and in the saved state."""
-    rung = Ring(component, f"{component}/T_in:cusum", None, START, {"symbol": "T"})
+    rung = Ring(component, f"{component}/T_in:cusum", None, START, ChartEvidence("T", ChartKind.CUSUM))
     (alarm,) = daemon.engine.alarms.ring(START, [rung])
     daemon.save()
     return alarm.key

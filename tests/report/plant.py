@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fdd.evidence import Message
 from fdd.records import NANOSECONDS, Baseline, Rows
 from fdd.report.content import ComponentInfo, SiteInfo
 from fdd.store.store import Store
@@ -16,6 +17,11 @@ DAY = 86400 * NANOSECONDS
 END = 1_763_373_600 * NANOSECONDS  # 2025-11-17 10:00 UTC
 LIMIT = 9.0
 WATER = ("degC", "water temperature at the outlet")
+
+
+def said(code: str, **arguments: str) -> dict[str, Any]:
+    """A message as documents hold it."""
+    return Message.of(code, **arguments).document()
 
 
 def radiator_info(i: int) -> ComponentInfo:
@@ -150,7 +156,7 @@ def alarm(name: str, charts: dict[str, int], state: str = "raised", **changes: A
         "checks": [],
         "evidence": {"charts": evidence, "points": []},
         "history": [
-            {"time": raised, "state": "raised", "actor": "service", "comment": f"chart {c} passed its limit"}
+            {"time": raised, "state": "raised", "actor": "service", "comment": Message.of("rang", chart=c).document()}
             for c in list(evidence)[:1]
         ],
     }
@@ -175,17 +181,18 @@ def fouling(**changes: Any) -> dict[str, Any]:
             {
                 "name": "fouling", "meaning": "deposits on the plates: less heat passes at the same flows",
                 "likelihood": 0.871, "checks": checks, "against": [],
-                "for": ["T_hot_out is above what the model expects", "T_cold_out is below what the model expects"],
+                "for": [said("output_above", symbol="T_hot_out"), said("output_below", symbol="T_cold_out")],
             },
             {
                 "name": "scaling", "meaning": "a flow meter reads a wrong share of the flow", "likelihood": 0.097,
-                "for": ["T_hot_out is above what the model expects"],
-                "against": ["T_cold_out is below what the model expects"],
+                "for": [said("output_above", symbol="T_hot_out")],
+                "against": [said("output_below", symbol="T_cold_out")],
                 "checks": ["check the meter's pulse value"],
             },
             {
                 "name": "bias", "meaning": "an outlet sensor reads wrong by a constant", "likelihood": 0.032,
-                "for": ["T_hot_out is above what the model expects"], "against": ["it does not explain T_cold_out"],
+                "for": [said("output_above", symbol="T_hot_out")],
+                "against": [said("unexplained_symbol", symbol="T_cold_out")],
                 "checks": ["compare the sensor with a hand-held one in the same pocket"],
             },
         ],
@@ -206,11 +213,12 @@ def air(name: str = "radiator-2", **changes: Any) -> dict[str, Any]:
         causes=[
             {
                 "name": "air", "meaning": "air in the upper part: less surface gives off heat", "likelihood": 0.4,
-                "for": ["T_return is above what the model expects"], "against": [], "checks": checks,
+                "for": [said("output_above", symbol="T_return")], "against": [], "checks": checks,
             },
             {
                 "name": "sludge", "meaning": "deposits in the lower part", "likelihood": 0.35,
-                "for": ["T_return is above what the model expects"], "against": ["it does not explain H"], "checks": [],
+                "for": [said("output_above", symbol="T_return")],
+                "against": [said("unexplained_symbol", symbol="H")], "checks": [],
             },
         ],
         checks=checks,
@@ -261,7 +269,7 @@ def _seen() -> dict[str, Any]:
 def _others(source: str) -> list[dict[str, Any]]:
     held = alarm("radiator-0", {"T_return": -1}, "suppressed by design", updated=END - 4 * DAY)
     held["evidence"]["caused_by"] = source
-    why = f"it reads hx.T_cold_out, which alarm {source} suspects"
+    why = Message.of("reads_suspect", points=("hx.T_cold_out",), alarm=source).document()
     held["history"].append({"time": END - 4 * DAY, "state": "suppressed by design", "actor": "service", "comment": why})
     closed = alarm("radiator-1", {"T_return": 1}, "cleared", updated=END - 2 * DAY)
     entry = {"time": END - 2 * DAY, "state": "cleared", "actor": "M. Jensen", "comment": "false alarm, window was open"}

@@ -434,18 +434,6 @@ def test_no_likelihood_reads_as_impossible_or_certain() -> None:
     assert [likely(x) for x in (0.0, 0.004, 0.01, 0.5, 0.999)] == ["under 1 %", "under 1 %", "1 %", "50 %", "over 99 %"]
 
 
-def test_keys_end_before_punctuation_and_points_are_not_found_in_words() -> None:
-    from fdd.report.words import in_words, names_in_words
-
-    info = plant.site(1)
-    said = names_in_words("substation-hx has alarm substation-hx@2025-11-11T09:45:00Z: no healthy model", info)
-    assert said == "It follows from the alarm of Heat exchanger, substation: no healthy model"
-    named = ComponentInfo("House", "Zone", {"T_room": ("indoor", "degC", "indoor temperature")})
-    site = SiteInfo("s", "UTC", 1.0, {"house": named})
-    comment = in_words(names_in_words("chart house/T_room:cusum passed its limit", site), "house", named)
-    assert comment == "the drift chart (CUSUM) of indoor temperature passed its limit"
-
-
 def test_what_an_operator_writes_is_never_touched(store: SqliteStore) -> None:
     said = "supply held at 45 °C by C_hot, rad0.T_return and substation-hx@2025 look odd; not a fault"
     document = plant.fouling()

@@ -7,7 +7,9 @@ from collections.abc import Callable
 
 import pytest
 
+from fdd.evidence import AlarmKind, ChartEvidence, ChartKind, Message
 from fdd.records import NANOSECONDS, Alarm, AlarmState
+from fdd.report.telling import Speaker
 from fdd.service.alarms.book import ACTIONS, AlarmBook, AlarmError, Command, Ring
 from fdd.service.alarms.life import FLAPPING, LIFE, QUIET, QUIET_MOST, Event
 
@@ -15,6 +17,9 @@ HOUR = 3600 * NANOSECONDS
 GRACE = 24 * HOUR  # docs/alarms.md: an alarm explains others until its evidence has been gone for a day
 R, A, H = AlarmState.RAISED, AlarmState.ACKNOWLEDGED, AlarmState.SHELVED
 S, N, C = AlarmState.SUPPRESSED, AlarmState.RETURNED, AlarmState.CLEARED
+
+
+CHART = "radiator/T_radiator:cusum"
 
 
 class Plant:
@@ -27,20 +32,22 @@ class Plant:
     def ring(self, component: str = "radiator", kind: str = "plant") -> list[Alarm]:
         self.time += HOUR
         point = "T_supply" if component == "hx" else f"T_{component}"
-        return self.book.ring(self.time, [Ring(component, f"{component}:{kind}", point, 0, {}, kind)])
+        return self.book.ring(
+            self.time, [Ring(component, CHART, point, 0, ChartEvidence.read(CHART, {}), AlarmKind(kind))]
+        )
 
     def frame(self, *quiet: str, after: int = HOUR) -> list[Alarm]:
         self.time += after
         return self.book.review(self.time, quiet)
 
     def say(self, action: str, component: str = "radiator", kind: str = "plant", **more: object) -> list[Alarm]:
-        alarm = self.book.of(component, kind)
+        alarm = self.book.of(component if kind == "plant" else f"{component}:{kind}")
         assert alarm is not None
         command = Command(alarm.key, action, "anna", self.time, **more)  # type: ignore[arg-type]
         return self.book.command(command, self.time)
 
     def state(self, component: str = "radiator", kind: str = "plant") -> AlarmState | None:
-        alarm = self.book.of(component, kind)
+        alarm = self.book.of(component if kind == "plant" else f"{component}:{kind}")
         return alarm.state if alarm else None
 
 
@@ -140,17 +147,17 @@ def test_every_step_of_a_life_is_in_its_history() -> None:
     plant.say("shelve", span=1800.0, comment="parts ordered")
     plant.frame()
     (closed,) = plant.say("clear", comment="bled")
-    told = [(e["state"], e["actor"], e["comment"], e.get("through", "")) for e in closed.history]
+    told = [(e.state, e.actor, e.comment or Speaker().say(e.reason, "radiator"), e.through) for e in closed.history]
     assert told == [
-        ("raised", "service", "chart radiator:plant passed its limit", ""),
+        ("raised", "service", "the drift chart (CUSUM) of T_radiator passed its limit", ""),
         ("acknowledged", "anna", "seen", "zenoh"),
         ("returned to normal", "service", "the evidence is gone", ""),
-        ("raised", "service", "chart radiator:plant passed its limit again", ""),
+        ("raised", "service", "the drift chart (CUSUM) of T_radiator passed its limit again", ""),
         ("shelved", "anna", "parts ordered", ""),
         ("raised", "service", "shelving ended", ""),
         ("cleared", "anna", "bled", ""),
     ]
-    times = [e["time"] for e in closed.history]
+    times = [e.time for e in closed.history]
     assert times == sorted(times)
 
 
@@ -219,7 +226,7 @@ def test_consequence_of_a_consequence_has_the_root_as_its_cause() -> None:
     for name in ("radiator", "house"):
         alarm = plant.book.of(name)
         assert alarm is not None
-        assert alarm.evidence["caused_by"] == root.key
+        assert alarm.evidence.caused_by == root.key
     plant.say("clear", "hx")
     # The radiator stands by itself now, and explains the house.
     assert [plant.state(c) for c in ("radiator", "house")] == [R, S]
@@ -227,8 +234,8 @@ def test_consequence_of_a_consequence_has_the_root_as_its_cause() -> None:
 
 def test_of_two_that_explain_each_other_the_older_is_the_cause() -> None:
     book = AlarmBook({"a": frozenset({"T_b"}), "b": frozenset({"T_a"})})
-    book.ring(HOUR, [Ring("a", "a:cusum", "T_a", 0, {})])
-    book.ring(2 * HOUR, [Ring("b", "b:cusum", "T_b", 0, {})])
+    book.ring(HOUR, [Ring("a", "a/T:cusum", "T_a", 0, ChartEvidence("T", ChartKind.CUSUM))])
+    book.ring(2 * HOUR, [Ring("b", "b/T:cusum", "T_b", 0, ChartEvidence("T", ChartKind.CUSUM))])
     assert [a.state for a in book.open] == [R, S]
 
 
@@ -242,10 +249,11 @@ def test_plant_alarm_that_is_over_explains_its_models_no_longer() -> None:
     assert plant.state(kind="model") is S  # windows of a day still hold the fault
     plant.frame("radiator", after=2 * HOUR)
     assert plant.state(kind="model") is R
-    alarm = plant.book.of("radiator", "model")
+    alarm, root = plant.book.of("radiator:model"), plant.book.of("radiator")
+    assert root is not None
     assert alarm is not None
-    assert "caused_by" not in alarm.evidence
-    assert "back to normal for a day" in alarm.history[-1]["comment"]
+    assert not alarm.evidence.caused_by
+    assert alarm.history[-1].reason == Message.of("cause_normal", alarm=root.key)
     # Nor does it explain one that comes later, until it rings again.
     plant.say("clear", kind="model")
     plant.ring("radiator", "model")

@@ -6,8 +6,9 @@ import json
 
 import pytest
 
-from fdd.records import NANOSECONDS, AlarmState
-from fdd.service.alarms.book import AlarmBook, AlarmError, Command, Ring, alarm_from_document, alarm_to_document
+from fdd.evidence import ChartEvidence, Entry
+from fdd.records import NANOSECONDS, Alarm, AlarmState
+from fdd.service.alarms.book import AlarmBook, AlarmError, Command, Ring
 
 HOUR = 3600 * NANOSECONDS
 
@@ -19,7 +20,7 @@ def book() -> AlarmBook:
 def ring(
     component: str = "hx", chart: str = "hx/T_supply:cusum", point: str | None = "T_supply", since: int = 0
 ) -> Ring:
-    return Ring(component, chart, point, since, {"statistic": 9.0})
+    return Ring(component, chart, point, since, ChartEvidence.read(chart, {"statistic": 9.0}))
 
 
 def test_second_chart_of_a_component_joins_its_open_alarm() -> None:
@@ -63,7 +64,7 @@ def test_shelving_counts_from_the_event_time_at_which_it_is_carried_out() -> Non
     b = book()
     (alarm,) = b.ring(HOUR, [ring()])
     (shelved,) = b.command(Command(alarm.key, "shelve", "anna", 0, span=7200.0), 10 * HOUR)
-    assert shelved.evidence["shelved_until"] == 12 * HOUR
+    assert shelved.evidence.shelved_until == 12 * HOUR
     for wrong in ({}, {"until": 9 * HOUR}, {"span": -1.0}):
         with pytest.raises(AlarmError, match="needs an end after"):
             b.command(Command(alarm.key, "shelve", "anna", 0, **wrong), 10 * HOUR)
@@ -81,7 +82,7 @@ def test_history_names_who_did_what_when() -> None:
     (alarm,) = b.ring(HOUR, [ring()])
     (acknowledged,) = b.command(Command(alarm.key, "acknowledge", "anna", HOUR, "on my way"), HOUR)
     entry = acknowledged.history[-1]
-    assert entry == {"time": HOUR, "state": "acknowledged", "actor": "anna", "comment": "on my way"}
+    assert entry == Entry(HOUR, "acknowledged", "anna", "on my way")
 
 
 def test_impossible_actions_name_the_alarm_and_the_state() -> None:
@@ -97,4 +98,4 @@ def test_impossible_actions_name_the_alarm_and_the_state() -> None:
 def test_alarm_survives_as_a_document() -> None:
     b = book()
     (alarm,) = b.ring(HOUR, [ring()])
-    assert alarm_from_document(json.loads(json.dumps(alarm_to_document(alarm)))) == alarm
+    assert Alarm.read(json.loads(json.dumps(alarm.document()))) == alarm

@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 from benchmarks.drifting_room import POINTS, START, Course, plan, simulate
 from fdd.cli import app
+from fdd.evidence import AlarmKind
 from fdd.records import NANOSECONDS, Baseline, Batch
 from fdd.service.alarms.book import iso
 from fdd.service.baselines.history import History
@@ -59,7 +60,7 @@ def test_an_alarm_that_stands_hides_no_others(baseline: Baseline) -> None:
     history = simulate(FAULT, 4)
     batch = Batch.of_table(POINTS, history.time, history.values)
     alone = Engine(plan(BUDGET), {"room": baseline})
-    standing = {a.key for a in alone.step(batch).alarms if a.evidence.get("kind") is None}
+    standing = {a.key for a in alone.step(batch).alarms if a.evidence.kind is AlarmKind.PLANT}
     counter = Counter(engine := Engine(plan(BUDGET), {"room": baseline}))
     for piece in pieces(batch):
         counter.take(engine.step(piece))

@@ -16,9 +16,10 @@ from rich.console import Console
 
 from fdd.chiller_eiv.gate import GateLimits
 from fdd.chiller_eiv.simulate import LAB_CHILLER, operate, raw_week
+from fdd.evidence import ChartEvidence, ChartKind
 from fdd.records import Alarm, AlarmState, Baseline, Batch
 from fdd.report.render import write_report
-from fdd.service.alarms.book import Command, Ring, alarm_to_document
+from fdd.service.alarms.book import Command, Ring
 from fdd.service.baselines.chiller_fit import FittedChiller, learn_chiller
 from fdd.service.baselines.fitting import fit_site, read_span
 from fdd.service.baselines.identify import IdentifyError
@@ -30,11 +31,11 @@ from fdd.service.engine.engine import Engine, EngineError, Outputs
 from fdd.service.monitoring.chillers import Chillers
 from fdd.service.site.errors import UsageError
 from fdd.service.site.feed import Feed
+from fdd.service.site.naming import site_info, speaker_of
 from fdd.service.site.site_context import SiteContext, open_site
 from fdd.service.verbs.check import check_all
 from fdd.service.verbs.chiller_study import study_site
 from fdd.service.verbs.replay import ReplayResult, replay_site
-from fdd.service.verbs.reporting import site_info
 from fdd.store.opening import open_store
 from fdd.store.store import StoreConfig
 from tests.service.conftest import Truth, baselines, plan
@@ -206,14 +207,15 @@ def test_a_fouled_condenser_is_one_alarm_rightly_named(fouled: Lab) -> None:
     assert alarm.component == "lab"
     assert START + ONSET * DAY < alarm.raised <= START + (ONSET + 3) * DAY
     assert abs(alarm.since - (START + ONSET * DAY)) <= 2 * DAY
-    assert alarm.summary.startswith("lab: condenser")
-    assert "condenser approach up" in alarm.summary
-    assert "heat-exchanger resistance up 2" in alarm.summary
-    assert alarm.causes[0]["name"] in ("condenser fouling", "condenser side")
-    assert alarm.causes[0]["likelihood"] > 0.8
-    assert any("brush the tubes" in c for c in alarm.checks)
+    summary = result.speaker.summary(alarm)
+    assert summary.startswith("lab: condenser")
+    assert "condenser approach up" in summary
+    assert "heat-exchanger resistance up 2" in summary
+    assert alarm.causes[0].name in ("condenser fouling", "condenser side")
+    assert alarm.causes[0].likelihood > 0.8
+    assert any("brush the tubes" in result.speaker.say(c, "lab") for c in alarm.checks)
     assert {"lab/all:cluster", "lab/R:weekly"} <= set(alarm.charts)
-    cost = alarm.evidence["cost_per_day"]
+    cost = alarm.document()["evidence"]["cost_per_day"]
     assert cost["lower"] < cost["value"] < cost["upper"]
     assert cost["currency"] == "EUR"
     # The same form as every other equipment's.
@@ -236,7 +238,7 @@ def cells(outputs: list[Outputs]) -> tuple[list[tuple[object, ...]], str]:
         for i in range(len(rows)):
             values = tuple(sorted((k, float(v[i]).hex()) for k, v in rows.fields.items()))
             found.append((rows.measurement, int(rows.time[i]), rows.names[rows.series[i]], values))
-    return sorted(found), json.dumps([alarm_to_document(a) for o in outputs for a in o.alarms])
+    return sorted(found), json.dumps([a.document() for o in outputs for a in o.alarms])
 
 
 def test_verdicts_are_the_same_in_any_batches_and_across_restarts(fouled: Lab, outputs: Outputs) -> None:
@@ -378,8 +380,10 @@ def test_the_daemon_and_the_replay_say_the_same_and_the_report_tells_it(fouled: 
     (told,) = replayed(fouled).alarms.values()
     store = fouled.context.store(read_only=True)
     (kept,) = store.list("alarm")
-    assert kept == alarm_to_document(told)
-    page = write_report(store, site_info(fouled.context), tmp_path / "report.html").read_text()
+    assert kept == speaker_of(fouled.context.plan, fouled.context.site).stored(told)
+    page = write_report(
+        store, site_info(fouled.context.plan, fouled.context.site), tmp_path / "report.html"
+    ).read_text()
     store.close()
     text = re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", page)))
     for words in (
@@ -400,7 +404,7 @@ def test_the_daemon_and_the_replay_say_the_same_and_the_report_tells_it(fouled: 
 def test_what_cannot_be_identified_is_said_with_its_reason_and_its_power_is_watched(
     fouled: Lab, tmp_path: Path
 ) -> None:
-    whole, site = fouled.context.plan, site_info(fouled.context)
+    whole, site = fouled.context.plan, site_info(fouled.context.plan, fouled.context.site)
     # Two weeks of healthy data under a gate that wants 30 days.
     strict = replace(whole.chillers[0], config=replace(whole.chillers[0].config, gate=GateLimits(days=30)))
     short_plan = replace(whole, chillers=(strict,))
@@ -514,11 +518,11 @@ def test_a_chiller_has_its_place_in_the_plant(fouled: Lab, tmp_path: Path) -> No
     assert place == {"hall": {"lab"}, "tower": set(), "lab": {"tower"}}
     book = Engine(context.plan, {}).alarms
     (rung,) = [a for a in replayed(fouled).alarms.values() if a.component == "lab"]
-    ring = Ring("hall", "hall/T_room:cusum", None, rung.raised, {"statistic": 9.0, "points": []})
-    chiller = Ring("lab", rung.charts[0], None, rung.raised, {**rung.evidence, "points": []})
+    ring = Ring("hall", "hall/T_room:cusum", None, rung.raised, ChartEvidence("T_room", ChartKind.CUSUM, 9.0))
+    chiller = Ring("lab", rung.charts[0], None, rung.raised, rung.evidence.charts[rung.charts[0]])
     states = {a.component: a.state for a in [*book.ring(rung.raised, [ring]), *book.ring(rung.raised + DAY, [chiller])]}
     assert states == {"hall": AlarmState.SUPPRESSED, "lab": AlarmState.RAISED}
-    tower = Ring("tower", "tower/T_room:cusum", None, rung.raised, {"statistic": 9.0, "points": []})
+    tower = Ring("tower", "tower/T_room:cusum", None, rung.raised, ChartEvidence("T_room", ChartKind.CUSUM, 9.0))
     book.ring(rung.raised + 2 * DAY, [tower])
     assert {a.component: a.state for a in book.open} == {
         "tower": AlarmState.RAISED, "lab": AlarmState.SUPPRESSED, "hall": AlarmState.SUPPRESSED

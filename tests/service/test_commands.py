@@ -16,6 +16,7 @@ import pytest
 from benchmarks.drifting_room import DAY, POINTS, START, Course, plan, simulate
 from fdd.config import load_site
 from fdd.config.load import parse_site
+from fdd.evidence import ChartEvidence, ChartKind
 from fdd.records import NANOSECONDS, AlarmState, Batch, Sample
 from fdd.service.alarms.book import Command, Ring
 from fdd.service.daemon.checkpoint import Checkpoint
@@ -31,6 +32,7 @@ from tests.ports import free_port
 from tests.service.room_site import daemon, first_baseline, make_site, until
 
 HOUR = 3600 * NANOSECONDS
+RANG = Ring("room", "room/T:cusum", None, 0, ChartEvidence("T", ChartKind.CUSUM))
 
 
 class Feed:
@@ -74,7 +76,7 @@ def outcomes(store: SqliteStore) -> dict[str, str]:
 def test_a_command_that_is_older_than_the_last_one_is_carried_out(tmp_path: Path) -> None:
     """The clock of a second operator is an hour behind; and the store brings what waited on another machine."""
     daemon, store, checkpoint = daemon_of(tmp_path)
-    (alarm,) = daemon.engine.alarms.ring(HOUR, [Ring("room", "room/T:cusum", None, 0, {"symbol": "T"})])
+    (alarm,) = daemon.engine.alarms.ring(HOUR, [RANG])
     submit(store, Command(alarm.key, "acknowledge", "anna", 10 * HOUR, "first"))
     daemon.run(Feed(2))  # type: ignore[arg-type]
     submit(store, Command(alarm.key, "clear", "bert", 9 * HOUR, "late"))
@@ -90,7 +92,7 @@ def test_a_command_that_is_older_than_the_last_one_is_carried_out(tmp_path: Path
 
 def test_a_command_is_carried_out_once_across_restarts(tmp_path: Path) -> None:
     daemon, store, checkpoint = daemon_of(tmp_path)
-    (alarm,) = daemon.engine.alarms.ring(HOUR, [Ring("room", "room/T:cusum", None, 0, {"symbol": "T"})])
+    (alarm,) = daemon.engine.alarms.ring(HOUR, [RANG])
     daemon.save()
     submit(store, Command(alarm.key, "acknowledge", "anna", 10 * HOUR, "first"))
     daemon.run(Feed(2))  # type: ignore[arg-type]
@@ -102,7 +104,7 @@ def test_a_command_is_carried_out_once_across_restarts(tmp_path: Path) -> None:
     again.run(Feed(3))  # type: ignore[arg-type]
     (now,) = again.engine.alarms.open
     assert now.state is AlarmState.ACKNOWLEDGED
-    assert [e["state"] for e in now.history].count("acknowledged") == 1
+    assert [e.state for e in now.history].count("acknowledged") == 1
     assert outcomes(store) == {"first": DONE}
     checkpoint.close()
     store.close()

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdd.records import NANOSECONDS, AlarmState, Batch, Rows
-from fdd.service.alarms.book import Command, alarm_to_document
+from fdd.report.telling import Speaker
+from fdd.service.alarms.book import Command
 from fdd.service.daemon.checkpoint import decode, encode
 from fdd.service.engine.engine import Engine, EngineError, Outputs
 from tests.service.conftest import START, STEP, Truth, baselines, plan, simulate
@@ -34,7 +35,7 @@ def verdicts(outputs: list[Outputs]) -> bytes:
             for i in range(len(r)):
                 values = {k: c[width * i : width * (i + 1)] for k, c in columns.items()}
                 cells.append((r.measurement, int(r.time[i]), r.names[r.series[i]], sorted(values.items())))
-    alarms = [alarm_to_document(a) for o in outputs for a in o.alarms]
+    alarms = [a.document() for o in outputs for a in o.alarms]
     return json.dumps([sorted(cells), alarms]).encode()
 
 
@@ -51,7 +52,7 @@ def test_fault_is_alarmed_on_its_component_alone(faulty: Truth) -> None:
     onset = START + 7 * DAY * STEP * NANOSECONDS
     assert onset < alarm.raised < onset + DAY * STEP * NANOSECONDS
     assert abs(alarm.since - onset) < 0.5 * DAY * STEP * NANOSECONDS
-    assert alarm.evidence["charts"]["south/T_room:cusum"]["direction"] == -1
+    assert alarm.evidence.charts["south/T_room:cusum"].direction == -1
 
 
 def test_healthy_fortnight_raises_no_alarm_and_innovations_are_standard(healthy: Truth) -> None:
@@ -148,9 +149,9 @@ def test_a_fault_that_comes_back_raises_its_alarm_again_and_makes_no_new_one(hea
     e = engine()
     outputs = e.step(flapping.batch())
     assert len({a.key for a in outputs.alarms}) == 1
-    states = [h["state"] for h in e.alarms.open[0].history]
+    states = [h.state for h in e.alarms.open[0].history]
     assert states[:3] == [AlarmState.RAISED, AlarmState.RETURNED, AlarmState.RAISED]
-    again = [h["time"] for h in e.alarms.open[0].history if h["state"] == AlarmState.RAISED][1]
+    again = [h.time for h in e.alarms.open[0].history if h.state == AlarmState.RAISED][1]
     assert abs(again - int(healthy.time[8 * DAY])) < 60 * STEP * NANOSECONDS
 
 
@@ -206,7 +207,7 @@ def test_a_diagnosis_that_fails_is_counted_and_loses_no_alarm(faulty: Truth, mon
     engine = Engine(plan(), baselines())
     got = engine.step(faulty.batch()).alarms
     assert [(a.key, a.state, a.raised) for a in got] == [(a.key, a.state, a.raised) for a in told]
-    assert "not diagnosed, because of LinAlgError: Matrix is not positive definite" in got[-1].summary
+    assert "not diagnosed, because of LinAlgError: Matrix is not positive definite" in Speaker().line(got[-1])
     assert engine.counts["not diagnosed: south (LinAlgError)"] == len(got)
     again = Engine(plan(), baselines())
     again.restore_state(engine.export_state())

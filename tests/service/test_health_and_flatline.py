@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from fdd.evidence import AlarmKind, ChartEvidence, ChartKind
 from fdd.records import NANOSECONDS, AlarmState, Baseline
+from fdd.report.telling import Speaker
 from fdd.residual_monitors.autocorrelation import Autocorrelation
 from fdd.residual_monitors.chart import Phase
 from fdd.residual_monitors.dispersion import Dispersion
 from fdd.residual_monitors.periodogram import Periodogram
 from fdd.residual_monitors.whiten import Whitener
-from fdd.service.alarms.book import AlarmBook, Command, Ring, alarm_to_document, kind_of
+from fdd.service.alarms.book import AlarmBook, Command, Ring
 from fdd.service.baselines.history import read_history
 from fdd.service.baselines.identify import healthy_steps, honest_spread, innovation_statistics, score_diagnostics
 from fdd.service.baselines.window import avoided
@@ -71,10 +73,10 @@ def test_frozen_sensor_is_found_within_an_hour_and_named(long: Truth, known: dic
     e = run(with_south(long, south), known)
     (alarm,) = [a for a in e.alarms.open if a.state is AlarmState.RAISED]
     assert alarm.component == "south"
-    assert alarm.evidence["points"] == ["south.T"]
+    assert alarm.evidence.points == ("south.T",)
     assert 0 < alarm.raised - int(long.time[onset]) <= 3600 * NANOSECONDS
-    assert alarm.causes[0]["name"] == "frozen"
-    assert "south.T is frozen" in alarm.summary
+    assert alarm.causes[0].name == "frozen"
+    assert "south.T is frozen" in Speaker().line(alarm)
 
 
 def test_frozen_input_is_the_alarm_of_its_point_and_its_reader_is_not_accused(
@@ -84,7 +86,7 @@ def test_frozen_input_is_the_alarm_of_its_point_and_its_reader_is_not_accused(
     outside[onset:] = outside[onset]
     e = run(Truth(long.time, {**long.points, "outside": outside}), known)
     raised = [a for a in e.alarms.open if a.state is AlarmState.RAISED]
-    assert [a.evidence["points"][0] for a in raised] == ["outside"]
+    assert [a.evidence.points[0] for a in raised] == ["outside"]
 
 
 def test_sun_at_night_and_steps_of_heat_are_no_frozen_readings(long: Truth, known: dict[str, Baseline]) -> None:
@@ -104,12 +106,12 @@ def test_colour_that_comes_later_is_an_alarm_of_the_model_and_not_of_the_plant(
 ) -> None:
     e = run(with_south(long, coloured(long, (LEARNING + 2) * DAY)), known)
     (alarm,) = e.alarms.open
-    assert (kind_of(alarm), alarm.component, alarm.state) == ("model", "south", AlarmState.RAISED)
+    assert (alarm.evidence.kind, alarm.component, alarm.state) == ("model", "south", AlarmState.RAISED)
     assert alarm.key.startswith("south:model@")
-    assert "no longer describes" in alarm.summary
-    assert "re-identify" in alarm.summary
+    assert "no longer describes" in Speaker().line(alarm)
+    assert "re-identify" in Speaker().line(alarm)
     # It is no reason to keep its days from a new baseline.
-    assert avoided([alarm_to_document(alarm)], plan().components[0]) == []
+    assert avoided([alarm.document()], plan().components[0]) == []
 
 
 def test_model_whose_parameters_are_still_being_learned_is_not_judged(long: Truth, known: dict[str, Baseline]) -> None:
@@ -143,7 +145,7 @@ def test_model_asks_once_for_a_new_baseline_and_again_only_of_the_next(long: Tru
         assert engine.step(truth.batch((LEARNING + 5) * DAY, (LEARNING + 7) * DAY)).alarms == []
     e.rebase({"south": replace(known["south"], version=2)})
     e.step(truth.batch((LEARNING + 7) * DAY))
-    assert [kind_of(a) for a in e.alarms.open] == ["model"]
+    assert [a.evidence.kind for a in e.alarms.open] == [AlarmKind.MODEL]
 
 
 def test_new_baseline_ends_the_alarm_of_the_model(long: Truth, known: dict[str, Baseline]) -> None:
@@ -206,7 +208,7 @@ def test_baseline_whose_days_are_told_on_an_older_scale_is_not_judged_by(
         return replace(b, innovation=innovation)
 
     e = run(with_south(long, coloured(long, (LEARNING + 2) * DAY)), {n: older(b) for n, b in known.items()})
-    assert not [a for a in e.alarms.open if kind_of(a) == "model"]
+    assert not [a for a in e.alarms.open if a.evidence.kind is AlarmKind.MODEL]
 
 
 def test_colour_that_is_slower_than_a_block_is_found_at_one_value_a_second() -> None:
@@ -226,11 +228,11 @@ def test_colour_that_is_slower_than_a_block_is_found_at_one_value_a_second() -> 
 
 
 def test_alarm_of_the_model_is_suppressed_by_one_of_the_plant_in_either_order_and_goes_with_it() -> None:
-    for order in (("plant", "model"), ("model", "plant")):
+    for order in ((AlarmKind.PLANT, AlarmKind.MODEL), (AlarmKind.MODEL, AlarmKind.PLANT)):
         book = AlarmBook({"hx": frozenset()})
         for i, kind in enumerate(order):
-            book.ring(i + 1, [Ring("hx", f"hx/T:{kind}", None, 0, {}, kind)])
-        plant, model = book.of("hx"), book.of("hx", "model")
+            book.ring(i + 1, [Ring("hx", "hx/T:cusum", None, 0, ChartEvidence("T", ChartKind.CUSUM), kind)])
+        plant, model = book.of("hx"), book.of("hx:model")
         assert plant is not None
         assert model is not None
         assert (plant.state, model.state) == (AlarmState.RAISED, AlarmState.SUPPRESSED)
@@ -241,8 +243,9 @@ def test_alarm_of_the_model_is_suppressed_by_one_of_the_plant_in_either_order_an
 
 def test_alarm_of_a_model_explains_nobody_elses() -> None:
     book = AlarmBook({"hx": frozenset(), "radiator": frozenset()}, {"radiator": frozenset({"hx"})})
-    book.ring(1, [Ring("hx", "hx/T:autocorrelation", None, 0, {}, "model")])
-    book.ring(2, [Ring("radiator", "r/T:cusum", "T", 0, {})])
+    name = "hx/T:autocorrelation"
+    book.ring(1, [Ring("hx", name, None, 0, ChartEvidence.read(name, {}), AlarmKind.MODEL)])
+    book.ring(2, [Ring("radiator", "r/T:cusum", "T", 0, ChartEvidence("T", ChartKind.CUSUM))])
     assert {a.state for a in book.open} == {AlarmState.RAISED}
 
 

@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import poisson
 
 from benchmarks.drifting_room import DAY, POINTS, START, Course, plan, simulate
+from fdd.evidence import ChartEvidence, ChartKind
 from fdd.records import NANOSECONDS, Batch, Sample
 from fdd.service.alarms.book import AlarmBook, Command, Ring
 from fdd.service.alarms.realised_rate import Tally, realised_rate
@@ -19,15 +20,17 @@ from tests.service.test_operation import STATUS
 
 YEAR = 365.25 * 86400.0
 
+CHART = ChartEvidence("T", ChartKind.CUSUM)
+
 
 def book_with(comments: list[str], consequences: int = 0) -> AlarmBook:
     """As many alarms cleared with these comments, one open, and consequences of the open one."""
     names = [f"c{i}" for i in range(consequences)]
     book = AlarmBook({}, {n: frozenset({"hx"}) for n in names})
     for i, comment in enumerate(comments):
-        (alarm,) = book.ring(i + 1, [Ring("hx", "hx:cusum", None, 0, {})])
+        (alarm,) = book.ring(i + 1, [Ring("hx", "hx/T:cusum", None, 0, CHART)])
         book.command(Command(alarm.key, "clear", "anna", 0, comment), i + 1)
-    book.ring(99, [Ring(n, f"{n}:cusum", None, 0, {}) for n in ("hx", *names)])
+    book.ring(99, [Ring(n, f"{n}/T:cusum", None, 0, CHART) for n in ("hx", *names)])
     return book
 
 

@@ -13,9 +13,10 @@ from rich.console import Console
 
 from fdd.config import check_site, parse_site
 from fdd.diagnosis.equipment import Knowledge
+from fdd.evidence import Message, check
 from fdd.models.expectation import Day
 from fdd.records import NANOSECONDS, Alarm, AlarmState, Batch, Sample
-from fdd.service.alarms.book import alarm_to_document
+from fdd.report.telling import Speaker
 from fdd.service.baselines.fitting import fit_site
 from fdd.service.daemon.checkpoint import decode, encode
 from fdd.service.engine.engine import Engine, Outputs
@@ -61,7 +62,7 @@ def told(outputs: list[Outputs]) -> str:
         if r.measurement == "charts"
         for s, t, x, p in zip(r.series, r.time, r.fields["statistic"], r.fields["phase"], strict=True)
     ]
-    return json.dumps([charts, [alarm_to_document(a) for o in outputs for a in o.alarms]])
+    return json.dumps([charts, [a.document() for o in outputs for a in o.alarms]])
 
 
 def last(outputs: list[Outputs]) -> dict[str, Alarm]:
@@ -74,8 +75,8 @@ def test_a_leak_is_found_on_the_first_day_without_any_baseline() -> None:
     got = [engine.step(batch([(LEAK, 14.0)])), engine.flush()]
     (alarm,) = last(got).values()
     assert alarm.raised < (START + DAY) * NANOSECONDS
-    assert alarm.causes[0]["name"].startswith("heating valve")
-    assert "no baseline" in alarm.evidence["watched_by"]
+    assert alarm.causes[0].name.startswith("heating valve")
+    assert alarm.evidence.notes["watched_by"] == Message.of("rows_declared")
     assert alarm.checks
 
 
@@ -113,7 +114,7 @@ def _part(whole: Batch, a: int, b: int) -> Batch:
 def test_a_new_cause_is_a_new_finding_and_one_that_stands_hides_none() -> None:
     engine = Engine(plan(), {})
     got = [engine.step(batch([(LEAK, 14.0), (DAMPER, -8.0), (LEAK, 14.0), (FINE, 12.0), (FINE, 9.0)])), engine.flush()]
-    kinds = {a.evidence["kind"]: a for a in last(got).values()}
+    kinds = {a.evidence.place: a for a in last(got).values()}
     assert set(kinds) == {"heating-valve", "outdoor-air-damper"}
     assert kinds["outdoor-air-damper"].raised < (START + 2 * DAY) * NANOSECONDS
     # Two leaking days are one finding; what no day shows any more has returned to normal.
@@ -160,8 +161,8 @@ def test_a_stranger_fits_normal_days_and_replays_a_faulty_one(tmp_path: Path) ->
     assert "6 days judged" in fitted.summary()
     assert Knowledge.of(fitted.baseline.diagnostics["rows"]).days == 6
     (alarm,) = replayed(small)
-    assert alarm.evidence["kind"] == "heating-valve"
-    assert "6 normal days" in alarm.evidence["watched_by"]
+    assert alarm.evidence.place == "heating-valve"
+    assert alarm.evidence.notes["watched_by"] == Message.of("rows_learned", days=6)
 
 
 def test_days_are_those_of_the_sites_zone() -> None:
@@ -203,8 +204,8 @@ def test_a_rule_of_the_sites_own_rings_by_its_tolerance_and_has_its_share_of_the
         found = [a for a in last(got).values() if a.component == "supply air too warm"]
         assert bool(found) == rings
         for alarm in found:
-            assert alarm.summary.startswith("supply air too warm: the supply air is far above its set point")
-            assert alarm.checks == ("look at the coil: cold",)
+            assert Speaker().summary(alarm).startswith("supply air too warm: the supply air is far above its set point")
+            assert alarm.checks == (check("look at the coil", "cold"),)
 
 
 @pytest.mark.parametrize(
@@ -233,7 +234,7 @@ def test_the_report_tells_a_finding_of_rows_in_its_own_words(tmp_path: Path) -> 
         for rows in outputs.rows:
             store.write(rows)
         for alarm in outputs.alarms:
-            store.put("alarm", alarm.key, alarm_to_document(alarm))
+            store.put("alarm", alarm.key, alarm.document())
     store.close()
     page = tmp_path / "report.html"
     report_site(site, page)

@@ -30,9 +30,9 @@ def run(heat_price: float | None) -> Alarm:
 
 def test_the_same_fault_is_graded_by_what_it_costs() -> None:
     free, cheap, dear = (run(price) for price in (None, 1e-3, 10.0))
-    assert free.evidence["cost_per_day"]["value"] is None
-    assert cheap.evidence["cost_per_day"]["upper"] < 0.5
-    assert dear.evidence["cost_per_day"]["value"] > 10.0
+    assert free.evidence.cost.value is None
+    assert cheap.evidence.cost.upper < 0.5
+    assert dear.evidence.cost.value > 10.0
     grade = ORDER.index(free.severity)
     assert ORDER.index(cheap.severity) == max(grade - 1, 0)
     assert ORDER.index(dear.severity) == min(grade + 1, 2)

@@ -3,7 +3,7 @@
 One fault is one alarm: all charts of a component that ring while it has an open alarm join that alarm. An alarm stands
 until an operator clears it; clearing resets the component's charts, so that a fault that is still there rings again.
 
-Charts of the model's health have an alarm of their own (``evidence["kind"]`` is ``model``): it says that the model no
+Charts of the model's health have an alarm of their own (its kind is ``model``): it says that the model no
 longer describes the component. While the component has an alarm of the plant, that explains it, and it is suppressed;
 when that is cleared, so is the model's, for what it saw was the fault.
 
@@ -25,16 +25,18 @@ Which event leads from which state to which is a table, :data:`fdd.service.alarm
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any, Literal
+from typing import Literal
 
+from fdd.evidence import AlarmKind, ChartEvidence, Entry, Evidence, Message
 from fdd.records import NANOSECONDS, Alarm, AlarmState, JsonObject
 from fdd.service.alarms.life import GRACE, Event, quiet_wanted, what_then
 from fdd.service.alarms.realised_rate import Tally
 
 Action = Literal["acknowledge", "shelve", "unshelve", "clear"]
-PLANT, MODEL = "plant", "model"
+SERVICE = "service"
+"""The actor of what the service does by itself."""
 ACTIONS: tuple[Action, ...] = ("acknowledge", "shelve", "unshelve", "clear")
 
 
@@ -64,36 +66,27 @@ class Command:
 class Ring:
     """A chart that has just passed its limit.
 
-    ``point`` is the measurement the chart predicts, ``since`` the estimated onset [ns], ``evidence`` plain numbers,
-    ``kind`` what the chart speaks of: the plant, or its model.
+    ``point`` is the measurement the chart predicts, ``since`` the estimated onset [ns], ``evidence`` its numbers,
+    ``kind`` what the chart speaks of: the plant, its model, or a ``place`` of equipment that is watched by rows.
     """
 
     component: str
     chart: str
     point: str | None
     since: int
-    evidence: JsonObject
-    kind: str = PLANT
+    evidence: ChartEvidence
+    kind: AlarmKind = AlarmKind.PLANT
+    place: str = ""
 
 
-def kind_of(alarm: Alarm) -> str:
-    """What an alarm speaks of: ``plant`` or ``model``."""
-    return kind_in(alarm.evidence)
-
-
-def kind_in(evidence: JsonObject) -> str:
-    """The kind of an alarm with this evidence."""
-    return str(evidence.get("kind", PLANT))
-
-
-def subject(component: str, kind: str = PLANT) -> str:
-    """What has one open alarm at most: a component, or its model."""
-    return component if kind == PLANT else f"{component}:{kind}"
+def subject(component: str, kind: AlarmKind = AlarmKind.PLANT, place: str = "") -> str:
+    """What has one open alarm at most: a component, its model, or a place of it."""
+    return component if kind is AlarmKind.PLANT else f"{component}:{place or kind}"
 
 
 def subject_of(alarm: Alarm) -> str:
     """The subject of an alarm."""
-    return subject(alarm.component, kind_of(alarm))
+    return subject(alarm.component, alarm.evidence.kind, alarm.evidence.place)
 
 
 def iso(time: int) -> str:
@@ -123,13 +116,13 @@ class AlarmBook:
         """Alarms that are not cleared, oldest first."""
         return tuple(self._open.values())
 
-    def of(self, component: str, kind: str = PLANT) -> Alarm | None:
-        """The open alarm of a component, or of its model."""
-        return self._open.get(subject(component, kind))
+    def of(self, subject: str) -> Alarm | None:
+        """The open alarm of a subject: of a component, its model, or a place of it."""
+        return self._open.get(subject)
 
     def ring(self, time: int, rings: Sequence[Ring]) -> list[Alarm]:
         """Take in the charts that passed their limits at ``time``; return the alarms that changed."""
-        changed = [subject(r.component, r.kind) for r in rings]
+        changed = [subject(r.component, r.kind, r.place) for r in rings]
         for r in rings:
             self._join(time, r)
         changed += [subject_of(a) for a in self._suppress(time)]
@@ -146,13 +139,13 @@ class AlarmBook:
         self._quiet = {key: self._quiet.get(key, time) for key in self._open if key in still}
         changed = []
         for alarm in self.open:
-            ended = alarm.state is AlarmState.SHELVED and alarm.evidence.get("shelved_until", time + 1) <= time
-            if ended:
-                changed.append(self._judge(alarm, Event.UNSHELVE, time, "service", "shelving ended"))
+            until = alarm.evidence.shelved_until
+            if alarm.state is AlarmState.SHELVED and until is not None and until <= time:
+                changed.append(self._judge(alarm, Event.UNSHELVE, _by_service(time, "shelving_ended")))
             elif alarm.state is AlarmState.SUPPRESSED and (why := self._released(alarm, time)):
-                changed.append(self._judge(alarm, Event.RELEASE, time, "service", why))
+                changed.append(self._judge(alarm, Event.RELEASE, _Why(time, SERVICE, reason=why)))
             elif alarm.state in (AlarmState.RAISED, AlarmState.ACKNOWLEDGED) and self._is_over(alarm, time):
-                changed.append(self._move(alarm, Event.NORMAL, time, "service", "the evidence is gone"))
+                changed.append(self._move(alarm, Event.NORMAL, _by_service(time, "evidence_gone")))
         return changed
 
     def command(self, command: Command, time: int) -> list[Alarm]:
@@ -175,26 +168,24 @@ class AlarmBook:
         match command.action:
             case "shelve":
                 until = _end(command, time)
-                alarm = replace(alarm, evidence={**alarm.evidence, "shelved_until": until})
+                alarm = replace(alarm, evidence=replace(alarm.evidence, shelved_until=until))
             case "unshelve":
-                return [self._judge(alarm, event, time, *_said(command))]
+                return [self._judge(alarm, event, _said(command, time))]
             case "clear":
-                return self._clear(alarm, time, command)
-        actor, comment, through = _said(command)
-        return [self._move(alarm, event, time, actor, comment, through)]
+                return self._clear(alarm, _said(command, time))
+        return [self._move(alarm, event, _said(command, time))]
 
-    def _clear(self, alarm: Alarm, time: int, command: Command) -> list[Alarm]:
-        actor, comment, through = _said(command)
-        cleared = self._close(alarm, time, actor, comment, through)
+    def _clear(self, alarm: Alarm, why: _Why) -> list[Alarm]:
+        cleared = self._close(alarm, why)
         freed = [
             a
             for a in tuple(self._open.values())
-            if a.state is AlarmState.SUPPRESSED and a.evidence.get("caused_by") == alarm.key
+            if a.state is AlarmState.SUPPRESSED and a.evidence.caused_by == alarm.key
         ]
-        return [cleared, *(self._free(a, alarm, time) for a in freed)]
+        return [cleared, *(self._free(a, alarm, why.time) for a in freed)]
 
-    def _close(self, alarm: Alarm, time: int, actor: str, comment: str, through: str = "") -> Alarm:
-        cleared = self._move(alarm, Event.CLEAR, time, actor, comment, through)
+    def _close(self, alarm: Alarm, why: _Why) -> Alarm:
+        cleared = self._move(alarm, Event.CLEAR, why)
         del self._open[subject_of(alarm)]
         self._quiet.pop(subject_of(alarm), None)
         self.tally.close(cleared)
@@ -202,10 +193,10 @@ class AlarmBook:
 
     def _free(self, victim: Alarm, source: Alarm, time: int) -> Alarm:
         """A consequence whose cause was cleared: it stands by itself; what a model made of a fault goes with it."""
-        why = f"{source.key} was cleared"
-        if kind_of(victim) == PLANT:
-            return self._judge(victim, Event.RELEASE, time, "service", why)
-        return self._close(victim, time, "service", why)
+        why = _by_service(time, "cause_cleared", alarm=source.key)
+        if victim.evidence.kind is AlarmKind.PLANT:
+            return self._judge(victim, Event.RELEASE, why)
+        return self._close(victim, why)
 
     def _is_over(self, alarm: Alarm, time: int) -> bool:
         """Whether the evidence has been gone for as long as the alarm's past asks for."""
@@ -217,23 +208,23 @@ class AlarmBook:
         since = self._quiet.get(subject_of(source))
         return since is None or time - since < GRACE
 
-    def _released(self, victim: Alarm, time: int) -> str:
-        """Why a consequence is one no longer; empty while it is."""
+    def _released(self, victim: Alarm, time: int) -> Message | None:
+        """Why a consequence is one no longer; None while it is."""
         source = self._cause(victim)
         if source is None:
-            return "what explained it is gone"
-        return "" if self._explaining(source, time) else f"{source.key} has been back to normal for a day"
+            return Message.of("cause_gone")
+        return None if self._explaining(source, time) else Message.of("cause_normal", alarm=source.key)
 
-    def _judge(self, alarm: Alarm, event: Event, time: int, actor: str, why: str, through: str = "") -> Alarm:
+    def _judge(self, alarm: Alarm, event: Event, why: _Why) -> Alarm:
         """An alarm that comes out of shelving or suppression is what its evidence says."""
-        own = {k: v for k, v in alarm.evidence.items() if k not in ("caused_by", "shelved_until")}
-        moved = self._move(replace(alarm, evidence=own), event, time, actor, why, through)
-        if self._is_over(moved, time):
-            return self._move(moved, Event.NORMAL, time, "service", "the evidence is gone")
-        return self._suppress_one(moved, time) or moved
+        own = replace(alarm.evidence, caused_by="", shelved_until=None)
+        moved = self._move(replace(alarm, evidence=own), event, why)
+        if self._is_over(moved, why.time):
+            return self._move(moved, Event.NORMAL, _by_service(why.time, "evidence_gone"))
+        return self._suppress_one(moved, why.time) or moved
 
     def _join(self, time: int, ring: Ring) -> None:
-        name = subject(ring.component, ring.kind)
+        name = subject(ring.component, ring.kind, ring.place)
         alarm = self._open.get(name)
         if alarm is None:
             alarm = Alarm(
@@ -244,23 +235,22 @@ class AlarmBook:
                 raised=time,
                 updated=time,
                 charts=(),
-                summary="",
-                evidence={"charts": {}, "points": []} | ({} if ring.kind == PLANT else {"kind": ring.kind}),
-                history=(_entry(time, AlarmState.RAISED, "service", f"chart {ring.chart} passed its limit"),),
+                evidence=Evidence(kind=ring.kind, place=ring.place),
+                history=(_by_service(time, "rang", chart=ring.chart).entry(AlarmState.RAISED),),
             )
         elif alarm.state is AlarmState.RETURNED:
-            alarm = self._move(alarm, Event.RING, time, "service", f"chart {ring.chart} passed its limit again")
-        points = list(alarm.evidence["points"])
+            alarm = self._move(alarm, Event.RING, _by_service(time, "rang_again", chart=ring.chart))
+        points = alarm.evidence.points
         if ring.point and ring.point not in points:
-            points.append(ring.point)
-        charts = {**alarm.evidence["charts"], ring.chart: {**ring.evidence, "since": ring.since, "raised": time}}
+            points = (*points, ring.point)
+        charts = {**alarm.evidence.charts, ring.chart: replace(ring.evidence, since=ring.since, raised=time)}
         joined = alarm.charts if ring.chart in alarm.charts else (*alarm.charts, ring.chart)
         alarm = replace(
             alarm,
             since=min(alarm.since, ring.since),
             updated=time,
             charts=joined,
-            evidence={**alarm.evidence, "charts": charts, "points": points},
+            evidence=replace(alarm.evidence, charts=charts, points=points),
         )
         self._open[name] = alarm
         self._quiet.pop(name, None)
@@ -277,8 +267,8 @@ class AlarmBook:
             root = self._root(source)
             if root is None or root.key == victim.key or not self._explaining(root, time):
                 continue
-            victim = replace(victim, evidence={**victim.evidence, "caused_by": root.key})
-            return self._move(victim, Event.EXPLAIN, time, "service", why)
+            victim = replace(victim, evidence=replace(victim.evidence, caused_by=root.key))
+            return self._move(victim, Event.EXPLAIN, _Why(time, SERVICE, reason=why))
         return None
 
     def _root(self, source: Alarm) -> Alarm | None:
@@ -287,28 +277,26 @@ class AlarmBook:
 
     def _cause(self, victim: Alarm) -> Alarm | None:
         """The open alarm that explains a consequence."""
-        return next((a for a in self._open.values() if a.key == victim.evidence.get("caused_by")), None)
+        return next((a for a in self._open.values() if a.key == victim.evidence.caused_by), None)
 
-    def _explains(self, source: Alarm, victim: Alarm) -> str:
-        """Why one alarm may be the consequence of another; empty where it is not."""
-        if kind_of(source) == MODEL:
-            return ""
-        if source.component == victim.component and kind_of(victim) in (PLANT, MODEL):
-            return f"{source.component} has alarm {source.key}: a model of the healthy plant does not hold then"
+    def _explains(self, source: Alarm, victim: Alarm) -> Message | None:
+        """Why one alarm may be the consequence of another; None where it is not."""
+        if source.evidence.kind is AlarmKind.MODEL:
+            return None
         if source.component == victim.component:
-            return ""
-        shared = self._reads.get(victim.component, frozenset()) & set(source.evidence["points"])
+            same = victim.evidence.kind is not AlarmKind.PLACE
+            return Message.of("own_alarm", component=source.component, alarm=source.key) if same else None
+        shared = self._reads.get(victim.component, frozenset()) & set(source.evidence.points)
         if shared:
-            return f"it reads {', '.join(sorted(shared))}, which alarm {source.key} suspects"
+            return Message.of("reads_suspect", points=tuple(sorted(shared)), alarm=source.key)
         if source.component in self._upstream.get(victim.component, ()):
-            return f"{source.component} is upstream and has alarm {source.key}"
-        return ""
+            return Message.of("upstream_alarm", component=source.component, alarm=source.key)
+        return None
 
-    def _move(self, alarm: Alarm, event: Event, time: int, actor: str, comment: str, through: str = "") -> Alarm:
+    def _move(self, alarm: Alarm, event: Event, why: _Why) -> Alarm:
         state = what_then(alarm.state, event)
         assert state is not None, (alarm.key, alarm.state, event)
-        entry = _entry(time, state, actor, comment) | ({"through": through} if through else {})
-        moved = replace(alarm, state=state, updated=time, history=(*alarm.history, entry))
+        moved = replace(alarm, state=state, updated=why.time, history=(*alarm.history, why.entry(state)))
         self._open[subject_of(alarm)] = moved
         return moved
 
@@ -319,14 +307,14 @@ class AlarmBook:
     def export_state(self) -> JsonObject:
         """Open alarms as plain data."""
         return {
-            "open": [alarm_to_document(a) for a in self._open.values()],
+            "open": [a.document() for a in self._open.values()],
             "quiet": dict(self._quiet),
             "tally": self.tally.export_state(),
         }
 
     def restore_state(self, state: JsonObject) -> None:
         """Continue where :meth:`export_state` stood."""
-        self._open = {subject_of(a): a for a in map(alarm_from_document, state["open"])}
+        self._open = {subject_of(a): a for a in map(Alarm.read, state["open"])}
         self._quiet = dict(state["quiet"])
         self.tally.restore_state(state["tally"])
 
@@ -347,24 +335,24 @@ def _end(command: Command, time: int) -> int:
     return until
 
 
-def _said(command: Command) -> tuple[str, str, str]:
-    return command.actor, command.comment, command.through
+@dataclass(frozen=True, slots=True)
+class _Why:
+    """When an alarm moves, by whom, and why: a person's comment, or the service's reason."""
+
+    time: int
+    actor: str
+    comment: str = ""
+    reason: Message | None = None
+    through: str = ""
+
+    def entry(self, state: AlarmState) -> Entry:
+        """As the history keeps it."""
+        return Entry(self.time, str(state), self.actor, self.comment, self.reason, self.through)
 
 
-def _entry(time: int, state: AlarmState, actor: str, comment: str) -> JsonObject:
-    return {"time": time, "state": str(state), "actor": actor, "comment": comment}
+def _said(command: Command, time: int) -> _Why:
+    return _Why(time, command.actor, command.comment, through=command.through)
 
 
-def alarm_to_document(alarm: Alarm) -> JsonObject:
-    """An alarm as the store keeps it."""
-    document: dict[str, Any] = asdict(alarm)
-    document["state"] = str(alarm.state)
-    for name in ("charts", "causes", "checks", "history"):
-        document[name] = list(document[name])
-    return document
-
-
-def alarm_from_document(document: JsonObject) -> Alarm:
-    """The alarm that :func:`alarm_to_document` wrote."""
-    lists = {name: tuple(document[name]) for name in ("charts", "causes", "checks", "history")}
-    return Alarm(**{**document, **lists, "state": AlarmState(document["state"])})
+def _by_service(time: int, code: str, **arguments: str) -> _Why:
+    return _Why(time, SERVICE, reason=Message.of(code, **arguments))

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
 
-from fdd.records import NANOSECONDS, AlarmState, JsonObject
+from fdd.evidence import Entry
+from fdd.records import NANOSECONDS, AlarmState
 
 HOUR = 3600 * NANOSECONDS
 # An alarm explains others so long after its evidence has gone: what its fault left in windows of a day, and downstream.
@@ -54,7 +55,7 @@ def what_then(state: AlarmState, event: Event) -> AlarmState | None:
     return LIFE[state].get(event)
 
 
-def quiet_wanted(history: Iterable[JsonObject], time: int) -> int:
+def quiet_wanted(history: Iterable[Entry], time: int) -> int:
     """How long the evidence must be gone before the alarm returns to normal [ns]: at once, longer if it flaps."""
-    returns = sum(e["state"] == AlarmState.RETURNED and time - int(e["time"]) < FLAPPING for e in history)
+    returns = sum(e.state == AlarmState.RETURNED and time - e.time < FLAPPING for e in history)
     return min(QUIET << (returns - 1), QUIET_MOST) if returns else 0

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from fdd.evidence import AlarmKind
 from fdd.records import Baseline
-from fdd.service.alarms.book import PLANT
 from fdd.service.baselines.history import History
 from fdd.service.filtering.filters import FilterGroup
 from fdd.service.monitoring.charting import Charts
@@ -53,7 +53,7 @@ def on_probation(plan: Plan, component: Component, baseline: Baseline, history: 
         step = group.step(time, row)
         if time >= since:
             streams = [charts.streams[i] for i in charts.update([step]).rang]
-            rang += [s.name for s in streams if s.alarm == PLANT]
+            rang += [s.name for s in streams if s.alarm is AlarmKind.PLANT]
     held = run.between(since, None)
     about = {
         "start": since,

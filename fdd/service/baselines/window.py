@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fdd.evidence import AlarmKind, kind_of
 from fdd.greybox.likelihood import Data, Likelihood
 from fdd.records import NANOSECONDS, AlarmState, Baseline, FloatArray, JsonObject
-from fdd.service.alarms.book import PLANT, kind_in
 from fdd.service.baselines.history import History, Run, runs
 from fdd.service.site.plan import Component, Plan
 
@@ -38,7 +38,7 @@ def avoided(alarms: Iterable[JsonObject], component: Component, margin: int = MA
     return [
         (int(a["since"]) - margin, int(a["updated"]) + margin if a["state"] in OVER else None)
         for a in alarms
-        if kind_in(a["evidence"]) == PLANT
+        if kind_of(a["evidence"])[0] is AlarmKind.PLANT
         and (a["component"] == component.name or points & set(a["evidence"].get("points", ())))
     ]
 

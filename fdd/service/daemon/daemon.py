@@ -16,9 +16,10 @@ from pathlib import Path
 import numpy as np
 import structlog
 
-from fdd.records import NANOSECONDS, Batch, JsonObject, Rows
+from fdd.records import NANOSECONDS, Alarm, Batch, JsonObject, Rows
+from fdd.report.telling import Speaker
 from fdd.service.alarms.authority import Authority
-from fdd.service.alarms.book import AlarmError, Command, alarm_to_document
+from fdd.service.alarms.book import AlarmError, Command
 from fdd.service.baselines.versions import in_force, keep_again, versions_in_force
 from fdd.service.daemon.checkpoint import Checkpoint, Entry, Rebase, TurnBack
 from fdd.service.daemon.commands import DONE, Desk, StoredCommands
@@ -29,6 +30,7 @@ from fdd.service.daemon.systemd import Watchdog
 from fdd.service.daemon.trail import Trail
 from fdd.service.engine.engine import Engine, EngineError, Outputs
 from fdd.service.site.feed import Feed
+from fdd.service.site.naming import speaker_of
 from fdd.store.spool import SpooledStore, spool_rows
 from fdd.store.store import Store, StoreError
 
@@ -83,10 +85,12 @@ class Daemon:
         desk: Desk | None = None,
         authority: Authority | None = None,
         trail: Trail | None = None,
+        speaker: Speaker | None = None,
     ) -> None:
         self.engine, self._store, self._checkpoint = engine, store, checkpoint
         self._save_every, self._watch, self._now = save_every, watch, now
         self._position: JsonObject = {}
+        self._speaker = speaker or speaker_of(engine.plan)
         self._commands, self._desk = StoredCommands(), desk
         self._authority, self._trail = authority or Authority(), trail
         self._blank = engine.export_state()
@@ -258,13 +262,13 @@ class Daemon:
         with self._store.transaction():
             self._store.write(outputs.rows)
             for alarm in outputs.alarms:
-                self._store.put("alarm", alarm.key, alarm_to_document(alarm))
+                self._store.put("alarm", alarm.key, self._speaker.stored(alarm))
 
     def _tell_and_keep(self, outputs: Outputs) -> None:
         """The same, and a line in the log for every alarm that has changed."""
         self.keep(outputs)
         for alarm in outputs.alarms:
-            log.info("alarm", key=alarm.key, state=str(alarm.state), summary=alarm.summary)
+            log.info("alarm", key=alarm.key, state=str(alarm.state), summary=self._speaker.summary(alarm))
 
     def _record_in_trail(self, content: JsonObject, number: int = 0) -> None:
         if self._trail:
@@ -311,7 +315,7 @@ class Daemon:
         keep_again(self._store, self.engine.baselines.values())
         with self._store.transaction():
             for alarm in self.engine.alarms.open:
-                self._store.put("alarm", alarm.key, alarm_to_document(alarm))
+                self._store.put("alarm", alarm.key, self._speaker.stored(alarm))
         self._checkpoint.mishaps.append(f"{problem}: a new store was begun; restore the old one from a backup")
         self._record_in_trail({"what": "store lost", "reason": problem})
         self._store_problem = f"{problem}: results from before are gone; a new store was begun"
@@ -472,12 +476,14 @@ class Daemon:
         """Journal a command, obey it, and give the outcome with the alarm as it then stands."""
         self._outcome = "refused: it could not be carried out, and is kept for a person to look at"
         self._perform(command)
-        return self._outcome, self._store.get("alarm", command.alarm)
+        alarm = self._store.get("alarm", command.alarm)
+        return self._outcome, None if alarm is None else self._speaker.told(Alarm.read(alarm))
 
     def _alarm_documents(self, every: bool) -> list[JsonObject]:
         if every:
-            return sorted(self._store.list("alarm"), key=lambda a: int(a["raised"]))
-        return [alarm_to_document(a) for a in self.engine.alarms.open]
+            found = [Alarm.read(d) for d in self._store.list("alarm")]
+            return [self._speaker.told(a) for a in sorted(found, key=lambda a: a.raised)]
+        return [self._speaker.told(a) for a in self.engine.alarms.open]
 
     def _obey(self, command: Command, number: int = 0) -> None:
         try:

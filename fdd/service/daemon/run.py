@@ -26,6 +26,7 @@ from fdd.service.daemon.schedule import JobRunner, jobs_of, learning_job
 from fdd.service.daemon.trail import Trail
 from fdd.service.site.errors import UsageError
 from fdd.service.site.feed import Feed
+from fdd.service.site.naming import speaker_of
 from fdd.service.site.site_context import SiteContext, open_site
 
 log = structlog.get_logger()
@@ -61,7 +62,17 @@ def _run(site_file: Path, context: SiteContext, *, until_end: bool, fresh: bool)
     desk = Desk(context.site, authority) if context.site.operator else None
     trail = Trail(context.trail_path)
     jobs = _jobs(context, site_file)
-    daemon = Daemon(engine, store, checkpoint, jobs=jobs, metrics=metrics, desk=desk, authority=authority, trail=trail)
+    daemon = Daemon(
+        engine,
+        store,
+        checkpoint,
+        jobs=jobs,
+        metrics=metrics,
+        desk=desk,
+        authority=authority,
+        trail=trail,
+        speaker=speaker_of(engine.plan, context.site),
+    )
     service = _Service(site_file, context, daemon, until_end)
     daemon.reload = service.reload
     service.listen()

@@ -16,9 +16,10 @@ from fdd.diagnosis.cost import daily_cost, with_cost
 from fdd.diagnosis.departure import Departure
 from fdd.diagnosis.health import of_model, undiagnosed, with_frozen, without_frozen
 from fdd.diagnosis.ranking import diagnose
+from fdd.evidence import AlarmKind, ChartEvidence, parts_of
 from fdd.records import NANOSECONDS, Alarm, AlarmState, Baseline, Batch, FloatArray, JsonObject, Rows, concatenate
 from fdd.residual_monitors.chart import Phase
-from fdd.service.alarms.book import MODEL, AlarmBook, Command, Ring, kind_of, subject_of
+from fdd.service.alarms.book import AlarmBook, Command, Ring, subject_of
 from fdd.service.alarms.realised_rate import realised_rate
 from fdd.service.engine.recent import Recent
 from fdd.service.filtering.filters import FilterGroup, GroupStep
@@ -164,7 +165,7 @@ class Engine:
         elif alarm.component in self._chillers:
             self._chillers.reset(alarm.component)
         else:
-            self._charts.reset(alarm.component, kind_of(alarm))
+            self._charts.reset(alarm.component, alarm.evidence.kind)
             self._recent.forget(alarm.component)
 
     @property
@@ -278,13 +279,14 @@ class Engine:
     def _ring(self, time: int, i: int, step: ChartStep) -> Ring:
         stream = self._charts.streams[i]
         v = step.verdicts
-        evidence = {
-            "symbol": stream.symbol,
-            "statistic": float(v.statistic[i]),
-            "limit": float(v.limit[i]),
-            "direction": int(v.direction[i]),
+        evidence = ChartEvidence(
+            stream.symbol,
+            parts_of(stream.name)[1],
+            float(v.statistic[i]),
+            float(v.limit[i]),
+            int(v.direction[i]),
             **self._charts.estimate(i, int(v.onset_age[i])),
-        }
+        )
         # A chart cannot have seen anything before its component was last started.
         judged = self._group_of[stream.component].judged_since(stream.component)
         since = max(time - int(v.onset_age[i]) * self.plan.step, judged)
@@ -311,14 +313,13 @@ class Engine:
 
     def _diagnosed(self, alarm: Alarm) -> Alarm:
         """The alarm with its causes; a diagnosis that fails is counted and said, and never loses the alarm."""
-        known = {k: v for k, v in alarm.evidence.items() if k != "not_diagnosed"}
         try:
-            alarm = self._explained(replace(alarm, evidence=known))
+            alarm = self._explained(replace(alarm, evidence=replace(alarm.evidence, not_diagnosed=None)))
         except Exception as error:  # whatever went wrong in explaining, the plant's alarm goes out
             what = f"not diagnosed: {alarm.component} ({type(error).__name__})"
             self._undiagnosed[what] = self._undiagnosed.get(what, 0) + 1
             alarm = undiagnosed(alarm, error)
-        if self.alarms.of(alarm.component, kind_of(alarm)):
+        if self.alarms.of(subject_of(alarm)):
             self.alarms.annotate(alarm)
         return alarm
 
@@ -327,7 +328,7 @@ class Engine:
             alarm = self._rows.explain(alarm)
         elif alarm.component in self._chillers:
             alarm = self._chillers.explain(alarm)
-        elif kind_of(alarm) == MODEL:
+        elif alarm.evidence.kind is AlarmKind.MODEL:
             alarm = of_model(alarm)
         else:
             model = self._components[alarm.component].model
@@ -337,8 +338,7 @@ class Engine:
             cost = daily_cost(model, departure, operation, finding.causes, self.plan.tariffs)
             alarm = replace(
                 alarm,
-                evidence={**alarm.evidence, "departure": departure.document(), "cost_per_day": cost},
-                summary=finding.summary,
+                evidence=replace(alarm.evidence, departure=departure.document(), cost=cost),
                 severity=with_cost(finding.severity, cost, self.plan.tariffs),
                 causes=finding.causes,
                 checks=finding.checks,

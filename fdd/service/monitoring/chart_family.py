@@ -9,9 +9,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from fdd.evidence import AlarmKind
 from fdd.records import Baseline, JsonObject
 from fdd.residual_monitors.chart import Verdicts
-from fdd.service.alarms.book import PLANT
 from fdd.service.filtering.filters import FilterGroup, GroupStep
 from fdd.service.site.plan import Component, Plan
 
@@ -26,7 +26,7 @@ class Stream:
     component: str
     symbol: str
     point: str | None
-    alarm: str = PLANT
+    alarm: AlarmKind = AlarmKind.PLANT
 
 
 class Family(Protocol):

@@ -12,10 +12,11 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from fdd.evidence import AlarmKind
 from fdd.records import NANOSECONDS, IntArray, JsonObject
 from fdd.residual_monitors.budget import YEAR, spread
 from fdd.residual_monitors.chart import Phase, Verdicts
-from fdd.service.alarms.book import MODEL, PLANT, subject
+from fdd.service.alarms.book import subject
 from fdd.service.filtering.filters import FilterGroup, GroupStep
 from fdd.service.monitoring.chart_family import BoolArray, Family, FamilyKind
 from fdd.service.monitoring.day_charts import DAYS, DayCharts
@@ -51,7 +52,7 @@ class Charts:
         self._families: list[Family] = [f for families in self._kinds for f in families]
         self.streams = tuple(s for f in self._families for s in f.streams)
         of: dict[str, list[int]] = {
-            subject(c.name, k): [] for g in groups for c in g.components for k in (PLANT, MODEL)
+            subject(c.name, k): [] for g in groups for c in g.components for k in (AlarmKind.PLANT, AlarmKind.MODEL)
         }
         for i, stream in enumerate(self.streams):
             of[subject(stream.component, stream.alarm)].append(i)
@@ -81,7 +82,7 @@ class Charts:
     def _hold(self) -> None:
         """No chart learns anything of a component with a chart of the plant in alarm."""
         alarmed = np.flatnonzero(self._phase == Phase.ALARM)
-        held = frozenset(self.streams[i].component for i in alarmed if self.streams[i].alarm == PLANT)
+        held = frozenset(self.streams[i].component for i in alarmed if self.streams[i].alarm is AlarmKind.PLANT)
         if held != self._held:
             self._held = held
             for family in self._families:
@@ -141,19 +142,19 @@ class Charts:
         """Whether every chart of a component, or of its model, said in this step that what raised its alarm is gone."""
         return bool(step.normal[self._of[name]].all())
 
-    def reset(self, component: str, kind: str = PLANT) -> None:
+    def reset(self, component: str, kind: AlarmKind = AlarmKind.PLANT) -> None:
         """An operator has cleared the component's alarm; after one of the plant, those of its model start again too.
 
         After one of the model its charts rest until there is a new baseline, which is what it has asked for.
         """
         which = np.zeros(len(self.streams), dtype=np.bool_)
-        for each in {kind, MODEL}:
+        for each in {kind, AlarmKind.MODEL}:
             which[self._of[subject(component, each)]] = True
         for family, start, stop in zip(self._families, self._edges, self._edges[1:], strict=False):
             family.reset(which[start:stop])
         self._phase = np.where(which, np.uint8(Phase.QUIET), self._phase)
         self._standing &= ~which
-        if kind == MODEL:
+        if kind is AlarmKind.MODEL:
             self._asked |= which
         self._hold()
 

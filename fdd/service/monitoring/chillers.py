@@ -16,9 +16,10 @@ from fdd.chiller_eiv.baseline import ChillerBaseline
 from fdd.chiller_eiv.model import ChillerError
 from fdd.chiller_eiv.online import ChillerMonitor, ChillerOutputs
 from fdd.chiller_eiv.rows import baseline_rows, output_rows, state_chart, weekly_chart
-from fdd.diagnosis.chiller import chiller_finding
+from fdd.diagnosis.chiller import ChillerFinding, chiller_finding
 from fdd.diagnosis.cost import Tariffs, with_cost
 from fdd.diagnosis.ranking import severity
+from fdd.evidence import ChartEvidence, ChartKind
 from fdd.records import Alarm, Baseline, FloatArray, JsonObject, Rows
 from fdd.residual_monitors.chart import Phase
 from fdd.service.alarms.book import Ring
@@ -120,7 +121,7 @@ class _Watched:
         self._held = np.full(len(self._columns), np.nan)
         self._held_at = np.full(len(self._columns), NEVER, dtype=np.int64)
         self._ratios: dict[str, float] = {}
-        self._told: JsonObject | None = None
+        self._told: ChillerFinding | None = None
         self._introduced = False
 
     def step(self, time: int, values: FloatArray) -> list[ChillerDay]:
@@ -152,7 +153,7 @@ class _Watched:
     def _rings(self, outputs: ChillerOutputs) -> list[Ring]:
         rings = []
         for chart, since, evidence in _verdicts(self.chiller.name, outputs):
-            ratio = evidence["statistic"] / evidence["limit"]
+            ratio = evidence.statistic / evidence.limit
             before = self._ratios.get(chart)
             if before is None or (before < NORMAL <= 1.0 <= ratio):
                 rings.append(Ring(self.chiller.name, chart, None, since, evidence))
@@ -160,18 +161,21 @@ class _Watched:
         return rings
 
     def explain(self, alarm: Alarm) -> Alarm:
-        """The alarm in the finding's words."""
+        """The alarm with the finding's causes, checks and cost."""
         if self._told is None:
             return alarm
         told = self._told
-        grade, cost = severity(list(alarm.evidence["charts"].values())), told["evidence"].get("cost_per_day")
+        grade = severity(list(alarm.evidence.charts.values()))
         return replace(
             alarm,
-            summary=f"{self.chiller.name}: {told['summary']}",
-            severity=grade if cost is None else with_cost(grade, cost, self._tariffs),
-            causes=tuple(told["causes"]),
-            checks=tuple(told["checks"]),
-            evidence={**alarm.evidence, **told["evidence"]},
+            severity=grade if told.cost is None else with_cost(grade, told.cost, self._tariffs),
+            causes=told.causes,
+            checks=told.causes[0].checks,
+            evidence=replace(
+                alarm.evidence,
+                cost=told.cost or alarm.evidence.cost,
+                notes=told.notes or alarm.evidence.notes,
+            ),
         )
 
     def is_normal(self) -> bool:
@@ -191,7 +195,7 @@ class _Watched:
             "held": self._held.copy(),
             "held_at": self._held_at.copy(),
             "ratios": dict(self._ratios),
-            "told": self._told,
+            "told": None if self._told is None else self._told.document(),
             "introduced": self._introduced,
         }
 
@@ -202,7 +206,8 @@ class _Watched:
         if state["version"] != self._version:
             return  # another baseline: its charts start afresh
         self._monitor.restore_state(state["monitor"])
-        self._ratios, self._told = dict(state["ratios"]), state["told"]
+        self._ratios = dict(state["ratios"])
+        self._told = None if state["told"] is None else ChillerFinding.read(state["told"])
         self._introduced = bool(state["introduced"])
 
 
@@ -222,25 +227,25 @@ def chiller_baseline(chiller: Chiller, baseline: Baseline) -> ChillerBaseline:
         ) from None
 
 
-def _cause(told: JsonObject | None) -> str:
-    return told["causes"][0]["name"] if told else ""
+def _cause(told: ChillerFinding | None) -> str:
+    return told.causes[0].name if told else ""
 
 
-def _verdicts(name: str, outputs: ChillerOutputs) -> Sequence[tuple[str, int, JsonObject]]:
+def _verdicts(name: str, outputs: ChillerOutputs) -> Sequence[tuple[str, int, ChartEvidence]]:
     """Every chart in alarm: its name, the estimated onset [ns] and the numbers behind it."""
     found = []
     for v in outputs.states:
         if v.finding is not None:
-            numbers = {"symbol": "all", "statistic": v.statistic, "limit": v.limit}
+            numbers = ChartEvidence("all", ChartKind.CLUSTER, v.statistic, v.limit)
             found.append((state_chart(name), v.finding.onset, numbers))
     w = outputs.weekly
     if w is None:
         return found
     for i, p in enumerate(w.parameters):
         if w.phase[i] == Phase.ALARM:
-            numbers = {"symbol": p, "statistic": float(w.statistic[i]), "limit": float(w.limit[i])}
+            numbers = ChartEvidence(p, ChartKind.WEEKLY, float(w.statistic[i]), float(w.limit[i]))
             if w.isolation is not None and w.isolation.parameter == p:
                 error = (w.isolation.high - w.isolation.low) / (2 * 1.96)
-                numbers |= {"change": w.isolation.change, "standard_error": abs(error), "scale": "relative"}
+                numbers = replace(numbers, change=w.isolation.change, standard_error=abs(error), scale="relative")
             found.append((weekly_chart(name, p), w.onset or outputs.time, numbers))
     return found

@@ -23,6 +23,7 @@ import numpy as np
 from scipy.stats import kstwo, norm
 from scipy.stats import t as student
 
+from fdd.evidence import AlarmKind
 from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
 from fdd.residual_monitors.autocorrelation import Autocorrelation
 from fdd.residual_monitors.chart import Phase, Verdicts
@@ -30,7 +31,6 @@ from fdd.residual_monitors.dispersion import Dispersion
 from fdd.residual_monitors.periodogram import Periodogram
 from fdd.residual_monitors.score import CHANCE
 from fdd.residual_monitors.window import FILLING, blocks
-from fdd.service.alarms.book import MODEL
 from fdd.service.filtering.filters import FilterGroup, GroupStep
 from fdd.service.monitoring.baseline_uncertainty import shift_variance
 from fdd.service.monitoring.chart_family import BoolArray, FamilyKind, Stream
@@ -99,7 +99,7 @@ class HealthCharts:
         self._carried = np.array([c.carries("health", symbol) for _, _, c, symbol in outputs], dtype=np.bool_)
         self._outputs = [o for o, carried in zip(outputs, self._carried, strict=True) if carried]
         self.streams = tuple(
-            Stream(f"{c.name}/{symbol}:{kind}", c.name, symbol, None, alarm=MODEL)
+            Stream(f"{c.name}/{symbol}:{kind}", c.name, symbol, None, alarm=AlarmKind.MODEL)
             for kind in KINDS
             for _, _, c, symbol in self._outputs
         )
@@ -175,7 +175,7 @@ class HealthCharts:
 
     def estimate(self, stream: int, updates: int) -> JsonObject:
         """A test says that the model no longer holds, not which parameter is to blame."""
-        return {"test": KINDS[stream // max(1, len(self._outputs))]}
+        return {}
 
     def export_state(self) -> JsonObject:
         """The charts as plain data; the windows, which are the same for all of them, once."""

@@ -15,12 +15,12 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
-from fdd.diagnosis.equipment import Knowledge, Verdict, examine, in_words, judge_day
-from fdd.evidence import STEADY
+from fdd.diagnosis.equipment import Knowledge, Verdict, examine, judge_day, row_message
+from fdd.evidence import STEADY, AlarmKind, Cause, ChartEvidence, ChartKind, Message
 from fdd.models.expectation import Day
 from fdd.records import NANOSECONDS, Alarm, Baseline, FloatArray, IntArray, JsonObject, Rows
 from fdd.residual_monitors.chart import Phase
-from fdd.service.alarms.book import Ring, kind_of
+from fdd.service.alarms.book import Ring
 from fdd.service.site.plan import Plan, RowEquipment
 
 SAME = 0.2
@@ -101,15 +101,15 @@ class RowMonitors:
 
     def owns(self, alarm: Alarm) -> bool:
         """Whether an alarm is a finding of rows."""
-        return alarm.component in self._watched and kind_of(alarm) in self._watched[alarm.component].places
+        return alarm.component in self._watched and alarm.evidence.kind is AlarmKind.PLACE
 
     def is_normal(self, alarm: Alarm) -> bool:
         """Whether the last day that could be judged had nothing of this finding."""
-        return self._watched[alarm.component].is_normal(kind_of(alarm))
+        return self._watched[alarm.component].is_normal(alarm.evidence.place)
 
     def reset(self, alarm: Alarm) -> None:
         """An operator has cleared the alarm: what is still there rings anew with the next day."""
-        self._watched[alarm.component].reset(kind_of(alarm))
+        self._watched[alarm.component].reset(alarm.evidence.place)
 
     def export_state(self) -> JsonObject:
         """Plain data."""
@@ -201,6 +201,27 @@ def _held(time: IntArray, x: FloatArray, hold: int) -> FloatArray:
     return np.where(usable, x[np.maximum(last, 0)], np.nan)
 
 
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """What the last day that rang said of a place."""
+
+    charts: Mapping[str, ChartEvidence]
+    causes: tuple[Cause, ...]
+
+    def document(self) -> JsonObject:
+        """Plain data."""
+        return {
+            "charts": {name: c.document() for name, c in self.charts.items()},
+            "causes": [c.document() for c in self.causes],
+        }
+
+    @classmethod
+    def read(cls, document: JsonObject) -> _Told:
+        """What :meth:`document` wrote."""
+        charts = {name: ChartEvidence.read(name, c) for name, c in document["charts"].items()}
+        return cls(charts, tuple(Cause.read(c) for c in document["causes"]))
+
+
 class _Watched:
     """One piece of equipment, and what is remembered of its findings."""
 
@@ -214,7 +235,7 @@ class _Watched:
         self._place_of = {f.name: f.place.replace(" ", "-") for f in equipment.model.faults}
         self.places = {*self._place_of.values(), OTHER}
         # What the last day that rang said, by place; and the places that rang on the last day that was judged.
-        self._told: dict[str, JsonObject] = {}
+        self._told: dict[str, _Told] = {}
         self._ringing: set[str] = set()
 
     def judge(self, time: IntArray, values: FloatArray) -> RowsDay:
@@ -229,11 +250,11 @@ class _Watched:
         place = self._place(verdict)
         if place is not None:
             since = min((int(t.statistic.at * NANOSECONDS) for t in verdict.ringing), default=int(time[0]))
-            told = self._document(verdict, now)
+            told = self._tell(verdict)
             self._told[place] = told
             rings = [
-                Ring(e.name, name, None, max(since, int(time[0])), numbers, place)
-                for name, numbers in told["charts"].items()
+                Ring(e.name, name, None, max(since, int(time[0])), chart, AlarmKind.PLACE, place)
+                for name, chart in told.charts.items()
             ]
         self._ringing = set() if place is None else {place}
         return RowsDay(e.name, now, _chart_rows(e.name, now, verdict), rings)
@@ -249,43 +270,37 @@ class _Watched:
         open_ = [p for p in self._told if chance.get(p, 0.0) >= SAME]
         return max(open_ or chance, key=lambda p: chance[p])
 
-    def _document(self, verdict: Verdict, now: int) -> JsonObject:
+    def _tell(self, verdict: Verdict) -> _Told:
         rows = {r.name: r for r in self.equipment.model.rows}
         charts = {
-            f"{self.equipment.name}/{t.statistic.key}": {
-                "symbol": t.statistic.row,
-                "direction": t.statistic.side,
-                "statistic": t.ratio,
-                "limit": 1.0,
-                "words": in_words(rows[t.statistic.row], t),
-            }
+            f"{self.equipment.name}/{t.statistic.key}": ChartEvidence(
+                t.statistic.row,
+                ChartKind.ROW,
+                t.ratio,
+                direction=t.statistic.side,
+                words=row_message(rows[t.statistic.row], t),
+            )
             for t in verdict.ringing
         }
-        if (verdict.bank_ratio or 0.0) >= 1.0:
-            charts[f"{self.equipment.name}/{STEADY}"] = {
-                "symbol": STEADY, "direction": 1, "statistic": verdict.bank_ratio, "limit": 1.0,
-                "words": "the settled readings of the day fit a fault better than normal operation",
-            }  # fmt: skip
-        return {"charts": charts, "causes": [c.document() for c in verdict.causes], "day": now}
+        if verdict.bank_ratio is not None and verdict.bank_ratio >= 1.0:
+            charts[f"{self.equipment.name}/{STEADY}"] = ChartEvidence(
+                STEADY, ChartKind.STEADY, verdict.bank_ratio, direction=1, words=Message.of("settled_day")
+            )
+        return _Told(charts, tuple(c.told() for c in verdict.causes))
 
     def explain(self, alarm: Alarm) -> Alarm:
-        """The alarm with the words, causes and checks of the last day that rang."""
-        told = self._told.get(kind_of(alarm))
+        """The alarm with the causes and checks of the last day that rang."""
+        told = self._told.get(alarm.evidence.place)
         if told is None:
             return alarm
-        causes, charts = told["causes"], list(told["charts"].values())
-        # What the bank says is told by the cause; a row says what a technician can see.
-        strongest = max(charts, key=lambda c: (c["symbol"] != STEADY, float(c["statistic"])))
-        likely = causes[0]
-        learned = self._knowledge.days
-        basis = f"{learned} normal days" if learned else "declared accuracies alone, no baseline"
+        days = self._knowledge.days
+        basis = Message.of("rows_learned", days=days) if days else Message.of("rows_declared")
         return replace(
             alarm,
-            summary=f"{alarm.component}: {_sure(likely)}{likely['meaning']} ({strongest['words']})",
-            severity="high" if max(float(c["statistic"]) for c in charts) >= SEVERE else "medium",
-            causes=tuple(causes),
-            checks=tuple(dict.fromkeys(check for c in causes[:3] for check in c["checks"])),
-            evidence={**alarm.evidence, "watched_by": f"rows of expectations, {basis}"},
+            severity="high" if max(c.statistic for c in told.charts.values()) >= SEVERE else "medium",
+            causes=told.causes,
+            checks=tuple(dict.fromkeys(check for c in told.causes[:3] for check in c.checks)),
+            evidence=replace(alarm.evidence, notes={"watched_by": basis}),
         )
 
     def is_normal(self, place: str) -> bool:
@@ -299,17 +314,13 @@ class _Watched:
 
     def export_state(self) -> JsonObject:
         """Plain data."""
-        return {"version": self._version, "told": dict(self._told), "ringing": sorted(self._ringing)}
+        told = {place: t.document() for place, t in self._told.items()}
+        return {"version": self._version, "told": told, "ringing": sorted(self._ringing)}
 
     def restore_state(self, state: JsonObject) -> None:
         """Continue where :meth:`export_state` stood; what the plant did does not hang on the baseline's version."""
-        self._told, self._ringing = dict(state["told"]), set(state["ringing"])
-
-
-def _sure(cause: JsonObject) -> str:
-    """How sure the likeliest cause is, in words."""
-    p = float(cause["likelihood"])
-    return "" if p >= 0.95 else "most likely " if p >= 0.5 else "perhaps "
+        self._told = {p: _Told.read(t) for p, t in state["told"].items()}
+        self._ringing = set(state["ringing"])
 
 
 def _chart_rows(name: str, time: int, verdict: Verdict) -> list[Rows]:

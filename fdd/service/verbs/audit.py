@@ -23,11 +23,12 @@ from fdd.diagnosis.judged import is_consequence
 from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, IntArray, JsonObject, Rows
 from fdd.residual_monitors.budget import YEAR, poisson_interval
 from fdd.residual_monitors.chart import Phase
-from fdd.service.alarms.book import Command, iso, kind_of
+from fdd.service.alarms.book import Command, iso, subject_of
 from fdd.service.baselines.fitting import fit_open_site
 from fdd.service.daemon.ready import ready_engine
 from fdd.service.engine.engine import Engine, Outputs
 from fdd.service.site.feed import Feed
+from fdd.service.site.naming import speaker_of
 from fdd.service.site.site_context import SiteContext, open_site
 
 DAY = 86400 * NANOSECONDS
@@ -240,6 +241,7 @@ class Counter:
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self._promised = engine.promised
+        self._speaker = speaker_of(engine.plan)
         self._told: dict[str, JsonObject] = {}
         self._hidden: set[str] = set()
         # Components whose primary chart has once judged: their probation is over.
@@ -255,7 +257,7 @@ class Counter:
         if time is None:
             return
         for alarm in self._engine.alarms.open:
-            if time - alarm.raised >= DAY and self._engine.alarms.of(alarm.component, kind_of(alarm)) is alarm:
+            if time - alarm.raised >= DAY and self._engine.alarms.of(subject_of(alarm)) is alarm:
                 self._clear(alarm, time)
 
     def result(self, notes: Iterable[str] = ()) -> Audit:
@@ -265,7 +267,7 @@ class Counter:
 
     def _clear(self, alarm: Alarm, time: int) -> None:
         """Clear an alarm and, before it, its consequences: freed by this they would count as alarms of their own."""
-        caused = [a for a in self._engine.alarms.open if a.evidence.get("caused_by") == alarm.key]
+        caused = [a for a in self._engine.alarms.open if a.evidence.caused_by == alarm.key]
         for each in (*caused, alarm):
             self._engine.command(Command(each.key, "clear", "audit", time, "a day old"))
             if told := self._told.get(each.key):
@@ -285,10 +287,10 @@ class Counter:
             "component": alarm.component,
             "chart": chart,
             "part": part,
-            "kind": kind_of(alarm),
+            "kind": alarm.evidence.place or str(alarm.evidence.kind),
             "raised": iso(alarm.raised),
             "since": iso(alarm.since),
-            "summary": alarm.summary,
+            "summary": self._speaker.summary(alarm),
             "rang_as": _named(alarm),
         }
         self._told[alarm.key] = told
@@ -361,7 +363,7 @@ def _owner(chart: str) -> tuple[str, str]:
 
 
 def _named(alarm: Alarm) -> list[JsonObject]:
-    return [{"name": c["name"], "likelihood": c.get("likelihood")} for c in alarm.causes[:3]]
+    return [{"name": c.name, "likelihood": c.likelihood} for c in alarm.causes[:3]]
 
 
 def _month(time: int) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from fdd.evidence import AlarmKind, kind_of
 from fdd.plant.faults import DAY, PlantFault, Shape
 from fdd.plant.scenario import Scenario, pieces, points
 from fdd.plant.site import demo_site
@@ -27,15 +28,15 @@ from fdd.records import NANOSECONDS, AlarmState, Batch, JsonObject
 from fdd.report.content import Report, gather
 from fdd.report.plots import plots
 from fdd.report.render import write_gathered
-from fdd.service.alarms.book import PLANT, iso, kind_in
+from fdd.service.alarms.book import iso
 from fdd.service.baselines.history import read_history
 from fdd.service.baselines.identify import identify
 from fdd.service.baselines.probation import on_probation
 from fdd.service.baselines.versions import accept
 from fdd.service.site.errors import UsageError
+from fdd.service.site.naming import site_info
 from fdd.service.site.site_context import SiteContext, open_site
 from fdd.service.verbs.operate import stored_alarms
-from fdd.service.verbs.reporting import site_info
 from ingest.zenoh.options import ZenohOptions
 from ingest.zenoh.publisher import ZenohPublisher
 
@@ -72,7 +73,8 @@ class DemoResult:
     @property
     def _raised(self) -> list[JsonObject]:
         """What accuses the plant: a model that no longer holds does not."""
-        return [a for a in self.alarms if a["state"] != AlarmState.SUPPRESSED and kind_in(a["evidence"]) == PLANT]
+        standing = [a for a in self.alarms if a["state"] != AlarmState.SUPPRESSED]
+        return [a for a in standing if kind_of(a["evidence"])[0] is AlarmKind.PLANT]
 
     @property
     def hits(self) -> list[JsonObject]:
@@ -280,7 +282,7 @@ def run_demo(
     store = prepared.context.store(read_only=True)
     end = scenario.first + round(scenario.days * DAY * NANOSECONDS)
     start = end - round(weeks * 7 * DAY * NANOSECONDS)
-    info = site_info(prepared.context)
+    info = site_info(prepared.context.plan, prepared.context.site)
     report = gather(store, info, start, end)
     store.close()
     result.report = write_gathered(report, folder / "report.html")

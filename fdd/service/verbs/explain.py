@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from fdd.diagnosis.single_parameter import Alone, alone, frames_before, moved
+from fdd.evidence import AlarmKind, kind_of
 from fdd.greybox.likelihood import Likelihood
 from fdd.records import Baseline, JsonObject
 from fdd.report.words import likely
-from fdd.service.alarms.book import PLANT, kind_in
 from fdd.service.alarms.handles import key_of
 from fdd.service.baselines.history import History, runs, stored_history
 from fdd.service.baselines.versions import in_force
@@ -70,7 +70,7 @@ def explained_by(plan: Plan, component: Component, history: History, baseline: B
 def looked_at_again(context: SiteContext, alarm: JsonObject) -> list[Alone]:
     """The same for an alarm of the plant, over what the store has of its time; empty where nothing can be said."""
     components = {c.name: c for c in context.plan.components}
-    if alarm["component"] not in components or kind_in(alarm["evidence"]) != PLANT:
+    if alarm["component"] not in components or kind_of(alarm["evidence"])[0] is not AlarmKind.PLANT:
         return []
     component = components[alarm["component"]]
     store = context.store(read_only=True)

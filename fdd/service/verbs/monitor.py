@@ -16,11 +16,13 @@ from fdd.greybox.results import FitResult
 from fdd.models.declare import ComponentModel
 from fdd.models.registry import get_model
 from fdd.records import NANOSECONDS, Alarm, Baseline, Batch, Rows
+from fdd.report.telling import Speaker
 from fdd.service.baselines.history import History
 from fdd.service.baselines.identify import identify
 from fdd.service.baselines.plausible import objections
 from fdd.service.baselines.structure import choose
 from fdd.service.engine.engine import Engine
+from fdd.service.site.naming import speaker_of
 from fdd.service.site.plan import Component, Plan
 
 if TYPE_CHECKING:
@@ -136,7 +138,13 @@ def monitor(
             charts += [r for r in outputs.rows if r.measurement == "charts"]
             alarms.update({a.key: a for a in outputs.alarms})
     return Monitored(
-        result, baseline, choice.reasons, against, _charts(charts), _alarms(alarms), tuple(alarms.values())
+        result,
+        baseline,
+        choice.reasons,
+        against,
+        _charts(charts),
+        _alarms(alarms, speaker_of(plan)),
+        tuple(alarms.values()),
     )
 
 
@@ -167,9 +175,9 @@ def _charts(rows: list[Rows]) -> pd.DataFrame:
     return pd.concat(parts) if parts else pd.DataFrame(columns=["time", "chart", "statistic", "limit"])
 
 
-def _alarms(alarms: Mapping[str, Alarm]) -> pd.DataFrame:
+def _alarms(alarms: Mapping[str, Alarm], speaker: Speaker) -> pd.DataFrame:
     names = ["raised", "since", "state", "severity", "summary"]
-    rows = [(a.raised, a.since, str(a.state), a.severity, a.summary) for a in alarms.values()]
+    rows = [(a.raised, a.since, str(a.state), a.severity, speaker.summary(a)) for a in alarms.values()]
     table = pd.DataFrame(rows, columns=names)
     for column in ("raised", "since"):
         table[column] = pd.to_datetime(table[column], utc=True)

@@ -7,10 +7,11 @@ import pwd
 import time as clock
 from pathlib import Path
 
-from fdd.records import AlarmState, JsonObject
+from fdd.records import Alarm, AlarmState, JsonObject
 from fdd.service.alarms.authority import LOCAL, Authority, CommandError
 from fdd.service.alarms.book import Action, Command
 from fdd.service.alarms.handles import handles, key_of
+from fdd.service.baselines.versions import in_force
 from fdd.service.daemon.checkpoint import Checkpoint
 from fdd.service.daemon.commands import DONE, submit, submit_turn_back
 from fdd.service.daemon.daemon import Daemon
@@ -18,6 +19,7 @@ from fdd.service.daemon.lock import StateLock
 from fdd.service.daemon.ready import ready_engine
 from fdd.service.daemon.trail import Head, Trail, TrailError, read, verify
 from fdd.service.site.errors import UsageError
+from fdd.service.site.naming import speaker_of
 from fdd.service.site.site_context import SiteContext, open_site
 from fdd.service.verbs.status import state_of
 from fdd.store.store import Store
@@ -36,10 +38,15 @@ def read_alarms(site_file: Path, *, every: bool = False) -> list[JsonObject]:
 
 
 def stored_alarms(context: SiteContext) -> list[JsonObject]:
-    """Every alarm in the store, oldest first."""
+    """Every alarm in the store in words, oldest first."""
     store = context.store(read_only=True)
-    found = sorted(store.list("alarm"), key=lambda a: int(a["raised"]))
-    store.close()
+    try:
+        alarms = sorted((Alarm.read(d) for d in store.list("alarm")), key=lambda a: a.raised)
+        plan = context.plan.following(in_force(store, [c.name for c in context.plan.components]))
+    finally:
+        store.close()
+    speaker = speaker_of(plan, context.site)
+    found = [speaker.told(a) for a in alarms]
     return [{**a, "since_local": context.local(a["since"]), "raised_local": context.local(a["raised"])} for a in found]
 
 
@@ -159,7 +166,8 @@ def _carried_out(context: SiteContext, store: Store, left: str) -> str | None:
     checkpoint, trail = Checkpoint(context.checkpoint_path), Trail(context.trail_path)
     try:
         engine, authority = ready_engine(context), Authority.of(context.site)
-        daemon = Daemon(engine, store, checkpoint, authority=authority, trail=trail)
+        speaker = speaker_of(engine.plan, context.site)
+        daemon = Daemon(engine, store, checkpoint, authority=authority, trail=trail, speaker=speaker)
         daemon.batch = bool((store.get("run", "daemon") or {}).get("batch"))
         daemon.recover()
         daemon.carry_out()

@@ -14,8 +14,9 @@ from rich.console import Console
 from rich.progress import Progress
 
 from fdd.records import NANOSECONDS, Alarm, AlarmState, JsonObject, Rows
+from fdd.report.telling import Speaker
 from fdd.residual_monitors.chart import Phase
-from fdd.service.alarms.book import alarm_to_document, iso
+from fdd.service.alarms.book import iso
 from fdd.service.alarms.handles import handles
 from fdd.service.daemon.checkpoint import Checkpoint, files_of
 from fdd.service.daemon.daemon import Daemon
@@ -24,6 +25,7 @@ from fdd.service.daemon.ready import ready_engine
 from fdd.service.engine.engine import Engine, Outputs
 from fdd.service.site.errors import UsageError
 from fdd.service.site.feed import Feed
+from fdd.service.site.naming import speaker_of
 from fdd.service.site.site_context import SiteContext, open_site
 from fdd.store.store import Store
 
@@ -47,13 +49,14 @@ class ReplayResult:
     notes: list[str] = field(default_factory=list)
     hours: dict[str, set[int]] = field(default_factory=dict)
     """Hours since 1970 in which each column of the plan held a value."""
+    speaker: Speaker = field(default_factory=Speaker)
 
     def document(self) -> JsonObject:
         """For machines."""
         return {
             "site": self.context.site.name,
             "watched": self.watched,
-            "alarms": [alarm_to_document(a) for a in self.alarms.values()],
+            "alarms": [self.speaker.told(a) for a in self.alarms.values()],
             "frames": self.frames,
             "samples": self.samples,
             "from": None if self.first is None else iso(self.first),
@@ -84,10 +87,11 @@ class ReplayResult:
         if not self.alarms:
             console.print("No alarms.")
             return
-        names = handles([alarm_to_document(a) for a in self.alarms.values()])
+        names = handles([a.document() for a in self.alarms.values()])
         for a in self.alarms.values():
             raised = self.context.local(a.raised)
-            console.print(f"{raised}  {a.summary}  [{a.state}]", highlight=False, markup=False, soft_wrap=True)
+            line = f"{raised}  {self.speaker.summary(a)}  [{a.state}]"
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
             told = f"  {names[a.key]}, since {self.context.local(a.since)}; key {a.key}"
             console.print(told, highlight=False, markup=False, soft_wrap=True)
 
@@ -114,7 +118,7 @@ def replay_site(
     context = open_site(site_file, data)
     engine = ready_engine(context)
     start, end = context.nanoseconds(since), context.nanoseconds(until)
-    result = ReplayResult(context, [c.name for c in engine.watched])
+    result = ReplayResult(context, [c.name for c in engine.watched], speaker=speaker_of(engine.plan, context.site))
     feed = Feed(context.site)
     feed.open()
     began = clock.monotonic()
@@ -160,7 +164,8 @@ class Kept:
         for file in files_of(context.checkpoint_path):
             file.unlink(missing_ok=True)
         self._checkpoint = Checkpoint(context.checkpoint_path)
-        self._daemon = Daemon(engine, self._store, self._checkpoint)
+        speaker = speaker_of(engine.plan, context.site)
+        self._daemon = Daemon(engine, self._store, self._checkpoint, speaker=speaker)
         self._daemon.batch = True
         self._before = {a["key"]: a for a in self._store.list("alarm") if a["state"] != AlarmState.CLEARED}
 
@@ -231,7 +236,7 @@ def verdict_lines(outputs: Outputs) -> Iterator[str]:
         if rows.measurement == "charts":
             yield from _chart_lines(rows)
     for alarm in outputs.alarms:
-        yield json.dumps({"alarm": alarm_to_document(alarm)})
+        yield json.dumps({"alarm": alarm.document()})
 
 
 def _chart_lines(rows: Rows) -> Iterator[str]:

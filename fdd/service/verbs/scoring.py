@@ -15,10 +15,11 @@ from rich.console import Console
 from rich.table import Table
 
 from fdd.diagnosis.score import Group, Label, Rate, Score, Share, Standing, score, standing
+from fdd.evidence import AlarmKind
 from fdd.records import NANOSECONDS, JsonObject
 from fdd.report.figures_page import Part, Picture, drawn, write_page
 from fdd.residual_monitors.design import duration
-from fdd.service.alarms.book import PLANT, iso, kind_of
+from fdd.service.alarms.book import iso
 from fdd.service.site.errors import UsageError
 from fdd.service.site.site_context import SiteContext
 from fdd.service.verbs.replay import HOUR, ReplayResult, replay_site
@@ -124,7 +125,7 @@ def score_site(site_file: Path, data: Path, labels_file: Path, *, settle: float 
     if result.first is None or result.last is None:
         raise UsageError(f"{data}: it gave no frames; check it with fdd check SITE DATA")
     labels = read_labels(labels_file, result.context)
-    alarms = standing([a for a in result.changes if kind_of(a) == PLANT], result.last)
+    alarms = standing([a for a in result.changes if a.evidence.kind is AlarmKind.PLANT], result.last)
     days = list(_days(result.context, result.first, result.last))
     unwatched = sorted({x.component for x in labels} - set(result.watched))
     notes = [f"{name} has labels and no baseline: its cases count as missed" for name in unwatched]

@@ -9,8 +9,9 @@ from typing import Literal
 from rich.console import Console
 from rich.progress import Progress
 
+from fdd.evidence import AlarmKind, kind_of
 from fdd.records import NANOSECONDS, JsonObject
-from fdd.service.alarms.book import MODEL, iso, kind_in
+from fdd.service.alarms.book import iso
 from fdd.service.alarms.handles import handles
 from fdd.service.baselines.fitting import Fitted, fit_history, read_span, watched_of
 from fdd.service.baselines.history import History
@@ -213,7 +214,7 @@ def _verdicts(context: SiteContext, replay: ReplayResult | None, reasons: dict[s
 
 
 def _told(alarm: JsonObject, handle: str) -> str:
-    of_model = "the model, not the equipment: " if kind_in(alarm["evidence"]) == MODEL else ""
+    of_model = "the model, not the equipment: " if kind_of(alarm["evidence"])[0] is AlarmKind.MODEL else ""
     return f"{handle} ({alarm['state']}, {alarm['raised_local']}): {of_model}{alarm['summary']}"
 
 
