@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fdd.greybox import codegen, robust
 from fdd.greybox.kernels import Kernel, default_method, kernel
-from fdd.greybox.record_faults import DataError, frozen, output_faults, range_faults, time_faults
+from fdd.greybox.record_faults import DataError, dead_outputs, frozen, output_faults, range_faults, time_faults
 from fdd.greybox.scale import chain
 from fdd.models.declare import ComponentModel
 
@@ -261,6 +261,7 @@ class Likelihood:
         self.model = model
         self.records = [data] if isinstance(data, Data) else list(data)
         self.warnings = [w for record in self.records for w in record.check(model)]
+        dead_outputs(self.records[0].name, model, [record.y for record in self.records])
         if not huber > 0:
             raise ValueError(f"huber is {huber}; give a positive number of standard deviations, 2 to 3 are usual")
         self.method, self.plain, self.huber = method, plain, float(huber)

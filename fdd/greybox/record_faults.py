@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,11 +45,11 @@ def time_faults(name: str, dt: FloatArray) -> list[str]:
 
 
 def range_faults(name: str, model: ComponentModel, u: FloatArray, y: FloatArray) -> list[str]:
-    """Refuse columns that lie outside the range their quantity can have, and say where some of their values do.
+    """Refuse columns that fit each other's declared range but not their own, and say what else lies outside.
 
     Raises
     ------
-    DataError : more than half of a column is outside; the text says which other column would fit
+    DataError : most of a column is outside, and exchanging it with another brings both inside
     """
     columns = {**dict(zip(model.symbols["inputs"], u.T, strict=True)),
                **dict(zip(model.symbols["outputs"], y.T, strict=True))}  # fmt: skip
@@ -57,14 +57,23 @@ def range_faults(name: str, model: ComponentModel, u: FloatArray, y: FloatArray)
     for symbol, (low, high) in model.valid.items():
         outside = _outside(columns[symbol], low, high) if symbol in columns else 0.0
         if outside > BEYOND:
-            fits = [s for s, c in columns.items() if s != symbol and _outside(c, low, high) < ODD]
-            hint = f"{', '.join(fits)} would fit: are columns swapped?" if fits else "see its unit"
             values = columns[symbol][np.isfinite(columns[symbol])]
-            raise DataError(
+            told = (
                 f"{name}: {symbol} is {np.median(values):.4g} in the median and lies outside {low:g} to {high:g}, "
-                f"where {model.name} holds, in {outside:.0%} of rows; {hint}"
+                f"where {model.name} holds, in {outside:.0%} of rows"
             )
-        if outside > ODD:
+            fits = [
+                s
+                for s, range_ in model.valid.items()
+                if s != symbol
+                and s in columns
+                and _outside(columns[s], low, high) < ODD
+                and _outside(columns[symbol], *range_) < ODD
+            ]
+            if fits:
+                raise DataError(f"{told}; {', '.join(fits)} would fit: are columns swapped?")
+            warnings.append(f"{told}; see its unit")
+        elif outside > ODD:
             warnings.append(
                 f"{name}: {outside:.0%} of {symbol} lies outside {low:g} to {high:g}, where {model.name} holds"
             )
@@ -77,20 +86,13 @@ def _outside(column: FloatArray, low: float, high: float) -> float:
 
 
 def output_faults(name: str, model: ComponentModel, y: FloatArray, started: bool) -> None:
-    """Refuse outputs that never change, and a first row without what the start value is made of.
+    """Refuse a first row without what the start value is made of.
 
     Raises
     ------
     DataError : with the column, and the row from which the record can be used
     """
     symbols = model.symbols["outputs"]
-    for symbol, column in zip(symbols, y.T, strict=True):
-        values = column[np.isfinite(column)]
-        if len(values) >= FEWEST and np.ptp(values) == 0:
-            raise DataError(
-                f"{name}: output {symbol} is {values[0]:g} in every one of {len(values)} rows: a dead reading or a set "
-                "point, from which nothing can be identified; see what the column holds"
-            )
     needed = [] if started else sorted({s for e in trace(model).x0 for s in _measured(model, e)})
     lost = [s for s in needed if not np.isfinite(y[0, symbols.index(s)])]
     if lost:
@@ -100,6 +102,22 @@ def output_faults(name: str, model: ComponentModel, y: FloatArray, started: bool
             f"{name}: output {', '.join(lost)} is missing in the first row, and the start value is made of it; "
             f"{first}, or give x0"
         )
+
+
+def dead_outputs(name: str, model: ComponentModel, records: Sequence[FloatArray]) -> None:
+    """Refuse outputs that change in none of the records, (N, n_y) each.
+
+    Raises
+    ------
+    DataError : with the column and its value
+    """
+    for symbol, column in zip(model.symbols["outputs"], np.vstack(records).T, strict=True):
+        values = column[np.isfinite(column)]
+        if len(values) >= FEWEST and np.ptp(values) == 0:
+            raise DataError(
+                f"{name}: output {symbol} is {values[0]:g} in every one of {len(values)} rows: a dead reading or a set "
+                "point, from which nothing can be identified; see what the column holds"
+            )
 
 
 def _measured(model: ComponentModel, e: Expr) -> Iterator[str]:

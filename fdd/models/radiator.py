@@ -80,7 +80,7 @@ def radiator(
             "exponent": exponent,
             **medium,
         },
-        valid={"T_supply": (5.0, 110.0), "T_room": (-10.0, 40.0), "m_flow": (0.0, 0.5), "T_return": (5.0, 110.0)},
+        valid={"T_supply": (5.0, 110.0), "T_room": (-10.0, 40.0), "m_flow": (0.0, 20.0), "T_return": (5.0, 110.0)},
         faults=FAULTS,
         plausible=(
             Plausible(

@@ -36,11 +36,18 @@ def test_swapped_inputs_are_refused_and_the_other_column_named() -> None:
         dataclasses.replace(d, u=d.u[:, [1, 0, 2]]).check(RADIATOR)
 
 
+def test_a_column_that_only_is_too_large_is_said_and_used() -> None:
+    d = radiator_record()
+    (said,) = dataclasses.replace(d, u=d.u * [1.0, 1.0, 1e3]).check(RADIATOR)
+    assert "m_flow is 5" in said
+    assert "see its unit" in said
+
+
 def test_a_few_values_beyond_their_range_are_said() -> None:
     d = radiator_record()
     u = d.u.copy()
-    u[:20, 2] = 3.0
-    assert any("5% of m_flow lies outside 0 to 0.5" in w for w in dataclasses.replace(d, u=u).check(RADIATOR))
+    u[:20, 2] = 30.0
+    assert any("5% of m_flow lies outside 0 to 20" in w for w in dataclasses.replace(d, u=u).check(RADIATOR))
 
 
 def test_a_frozen_half_is_said_with_its_rows() -> None:
@@ -68,7 +75,10 @@ def test_time_in_another_unit_is_refused(size: float, unit: str) -> None:
 def test_a_constant_output_is_refused() -> None:
     d = radiator_record()
     with pytest.raises(DataError, match=r"T_return is 40 in every one of 400 rows"):
-        dataclasses.replace(d, y=np.full((400, 1), 40.0)).check(RADIATOR)
+        Likelihood(RADIATOR, dataclasses.replace(d, y=np.full((400, 1), 40.0)))
+    # One run in which a rounded reading rests is no dead output.
+    still = dataclasses.replace(d, t=d.t[:30], u=d.u[:30], y=np.full((30, 1), 40.0))
+    assert len(Likelihood(RADIATOR, [d, still]).records) == 2
 
 
 def test_a_missing_first_output_is_named_not_the_start() -> None:

@@ -10,6 +10,7 @@ from scipy.stats import chi2
 
 from fdd.greybox.fit import fit
 from fdd.greybox.likelihood import Data
+from fdd.greybox.record_faults import DataError
 from fdd.greybox.results import FitResult
 from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
 from fdd.residual_monitors.effective_charts import effective_share
@@ -69,7 +70,10 @@ def identify(
             + (f" and that the gate {component.when!r} is open" if component.when else "")
         )
     records = [data_of(r) for r in found]
-    result = fit(component.model, records, start=start, starts=starts, priors=component.priors)
+    try:
+        result = fit(component.model, records, start=start, starts=starts, priors=component.priors)
+    except DataError as error:
+        raise IdentifyError(f"{component.name}: {error}") from None
     baseline = Baseline(
         component=component.name,
         version=version,

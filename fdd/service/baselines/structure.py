@@ -10,6 +10,7 @@ from scipy.stats import chi2
 
 from fdd.greybox.fit import fit
 from fdd.greybox.likelihood import Data, Likelihood
+from fdd.greybox.record_faults import DataError
 from fdd.greybox.results import FitResult
 from fdd.greybox.scale import ParameterError
 from fdd.models.structures import Structure
@@ -87,7 +88,7 @@ def _try(component: Component, structure: Structure, early: Sequence[Data], late
     variant = component.variant(structure.options)
     try:
         result = fit(variant.model, early, errors="fisher", priors=variant.priors)
-    except ParameterError:
+    except (DataError, ParameterError):
         return None
     held_out = -Likelihood(variant.model, list(late)).value(result.values)
     return Tried(structure, variant, result, held_out, objections(variant, result))
