@@ -481,7 +481,7 @@ def test_one_day_on_a_test_stand_is_learned_and_flow_faults_are_named_the_next_w
     assert told["again"] == []
     for name, cause in (("low", "low condenser flow"), ("chilled", "low chilled-water flow")):
         (alarm,) = told[name]
-        assert {c["name"]: c.get("likelihood") for c in alarm.causes}[cause] >= 0.7
+        assert {c.name: c.likelihood for c in alarm.causes}[cause] >= 0.7
         assert alarm.raised - alarm.since <= 5 * 32 * 60 * 10**9
 
 
