@@ -115,11 +115,15 @@ class Daily(Chart):
         days = np.array(arl, dtype=np.float64, ndmin=1) / block
         return cls(bounded_limit(days, k), block=block, k=k, conditions=conditions, probation=probation)
 
-    def presume(self, rows: NDArray[np.bool_], centre: FloatArray, width: FloatArray) -> None:
-        """Centre and width of each condition, (n, q); of a width of zero nothing is learned. Knowledge begins anew."""
+    def presume(self, rows: NDArray[np.bool_], centre: FloatArray, width: FloatArray, *, anew: bool = True) -> None:
+        """Centre and width of each condition, (n, q); of a width of zero nothing is learned.
+
+        What was learned is forgotten; unless ``anew``, scales and the days of probation stay.
+        """
         self.centre[rows], self.width[rows] = centre[rows], width[rows]
         fresh = Daily(self.limit, block=self.block, conditions=self.conditions, probation=self.probation)
-        for name in (*KNOWLEDGE, "week", "in_week", "leverage", "closed", "judged"):
+        learned = KNOWLEDGE if anew else ("coefficients", "covariance")
+        for name in (*learned, "week", "in_week", "leverage", "closed", "judged"):
             getattr(self, name)[rows] = getattr(fresh, name)[rows]
 
     def knowledge(self, stream: int) -> JsonObject:

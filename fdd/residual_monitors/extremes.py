@@ -18,17 +18,19 @@ ENOUGH = 364
 
 
 class Extremes:
-    """Daily maxima of n statistics, on a logarithmic scale on which they are taken to be normal.
+    """Daily maxima of n statistics, on a scale on which they are taken to be normal: ``logarithmic``, or their own.
 
     The limit is that which one further day passes with the given chance, by Student's predictive distribution: it is
-    wide after a few days and narrows as they come.
+    wide after a few days and narrows as they come. By the prior a day has this ``centre`` and ``spread`` there.
     """
 
-    def __init__(self, n: int, block: int) -> None:
-        self.block = int(block)
+    def __init__(
+        self, n: int, block: int, *, centre: float = CENTRE, spread: float = SPREAD, logarithmic: bool = True
+    ) -> None:
+        self.block, self.centre, self.spread, self.logarithmic = int(block), float(centre), float(spread), logarithmic
         self.peak, self.count = np.zeros(n), np.zeros(n, dtype=np.int64)
-        self.days, self.total, self.squares = np.full(n, DAYS), np.full(n, DAYS * CENTRE), np.full(n, 0.0)
-        self.squares += DAYS * (CENTRE**2 + SPREAD**2)
+        self.days, self.total = np.full(n, DAYS), np.full(n, DAYS * centre)
+        self.squares = np.full(n, DAYS * (centre**2 + spread**2))
 
     def update(self, statistic: FloatArray, learn: NDArray[np.bool_]) -> bool:
         """Take a value a stream; NaN: nothing seen. Streams that may not ``learn`` forget their day.
@@ -43,7 +45,8 @@ class Extremes:
         self.peak[~learn], self.count[~learn] = 0.0, 0
         full = np.flatnonzero(self.count >= self.block)
         taught = full[self.days[full] < ENOUGH]
-        value = np.log(np.maximum(self.peak[taught], LEAST))
+        value = self.peak[taught]
+        value = np.log(np.maximum(value, LEAST)) if self.logarithmic else value
         self.days[taught] += 1.0
         self.total[taught] += value
         self.squares[taught] += value * value
@@ -55,11 +58,14 @@ class Extremes:
         mean = self.total / self.days
         spread = np.sqrt(np.maximum(self.squares / self.days - mean * mean, 1e-6) * self.days / (self.days - 1.0))
         reach = student.isf(chance, self.days - 1.0) * np.sqrt(1.0 + 1.0 / self.days)
-        return np.asarray(np.round(np.exp(np.minimum(mean + reach * spread, 50.0)), 6))
+        most = np.minimum(mean + reach * spread, 50.0)
+        return np.asarray(np.round(np.exp(most) if self.logarithmic else most, 6))
 
     def forget(self, rows: NDArray[np.bool_]) -> None:
         """Begin these streams anew."""
-        fresh = Extremes(len(self.days), self.block)
+        fresh = Extremes(
+            len(self.days), self.block, centre=self.centre, spread=self.spread, logarithmic=self.logarithmic
+        )
         for name in fresh.export_state():
             getattr(self, name)[rows] = getattr(fresh, name)[rows]
 

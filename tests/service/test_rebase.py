@@ -81,7 +81,9 @@ def test_score_charts_start_again_and_innovation_charts_go_on(faulty: Truth) -> 
     assert after[scores]["chart"]["upper"][:symbols].max() == 0
     assert after[scores]["chart"]["lower"][:symbols].max() == 0
     assert np.array_equal(before[scores]["chart"]["upper"][symbols:], after[scores]["chart"]["upper"][symbols:])
-    assert after[days]["days"].tolist() == [0, before[days]["days"][1]]  # of the new model nothing was seen yet
+    assert not after[days]["coefficients"][0].any()  # how the new model's errors move nobody has seen yet
+    assert np.array_equal(after[days]["coefficients"][1], before[days]["coefficients"][1])
+    assert np.array_equal(after[days]["squares"], before[days]["squares"])
     assert e.alarms.of("south") is not None
 
 

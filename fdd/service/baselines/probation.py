@@ -60,7 +60,7 @@ def on_probation(plan: Plan, component: Component, baseline: Baseline, history: 
         "end": int(held.time[-1]) if len(held) else since,
         "alarms": sorted(set(rang)),
         "days": min((int(k["days"]) for k in charts.taught(component.name).get(DAYS, {}).values()), default=0),
-        "foretold": [f.document() for f in charts.foretold(component.name)],
+        "foretold": [f.document() for f in charts.foretold().get(component.name, ())],
         **charts.taught(component.name),
     }
     return replace(baseline, diagnostics={**baseline.diagnostics, "probation": about})

@@ -356,6 +356,7 @@ class Daemon:
             "lag_seconds": None if time is None else round(now - time / NANOSECONDS, 1),
             "open_alarms": len(self.engine.alarms.open),
             "budget": self.engine.realised_rate,
+            "trust": self.engine.trust,
             "phases": self.engine.phases,
             "counts": counts,
             "problems": self._problems(now, counts, spool_problem),

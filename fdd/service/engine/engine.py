@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from fdd.diagnosis.cost import daily_cost, with_cost
 from fdd.diagnosis.departure import Departure
 from fdd.diagnosis.health import of_model, undiagnosed, with_frozen, without_frozen
+from fdd.diagnosis.judged import judged_found
 from fdd.diagnosis.ranking import diagnose
 from fdd.evidence import AlarmKind, ChartEvidence, parts_of
 from fdd.records import NANOSECONDS, Alarm, AlarmState, Baseline, Batch, FloatArray, JsonObject, Rows, concatenate
@@ -22,10 +23,12 @@ from fdd.residual_monitors.chart import Phase
 from fdd.service.alarms.book import AlarmBook, Command, Ring, subject_of
 from fdd.service.alarms.realised_rate import realised_rate
 from fdd.service.engine.recent import Recent
+from fdd.service.engine.trust import Trust
 from fdd.service.filtering.filters import FilterGroup, GroupStep
 from fdd.service.filtering.framing import Framer, Frames
 from fdd.service.monitoring.charting import Charts, ChartStep
 from fdd.service.monitoring.chillers import ChillerDay, Chillers
+from fdd.service.monitoring.health_charts import KINDS as HEALTH_KINDS
 from fdd.service.monitoring.row_monitors import RowMonitors, RowsDay
 from fdd.service.site.plan import Chiller, Component, Plan, RowEquipment
 
@@ -60,6 +63,7 @@ class Engine:
         self._chillers = Chillers(plan, baselines)
         self._rows = RowMonitors(plan, baselines)
         self._recent = Recent(self._groups, plan.columns)
+        self._trust = Trust()
         reads = {c.name: frozenset(c.inputs) for c in plan.components}
         reads |= {c.name: frozenset(c.inputs.values()) for c in plan.chillers}
         reads |= {e.name: frozenset(e.inputs.values()) for e in plan.equipment}
@@ -119,6 +123,23 @@ class Engine:
         return {**self._charts.promised, **chillers, **rows}
 
     @property
+    def trust(self) -> JsonObject:
+        """By component: days closed and judged since its baseline came in force, in words how it stands, its power.
+
+        ``state`` is ``calibrating`` (only gross faults ring), ``watching``, ``outside`` (yesterday was unlike all days
+        seen: not judged), or ``void`` (it rang too often to be believed; ``reason`` says how often).
+        """
+        found: JsonObject = {}
+        promised, power, standing = self._promised_of_plant(), self._charts.foretold(), self._charts.standing()
+        for name, (closed, judged) in self._charts.days().items():
+            calibrating, inside = standing[name]
+            why = self._trust.void(name, judged, promised[name])
+            state = "calibrating" if calibrating else "void" if why else "watching" if inside else "outside"
+            foretold = [f.document() for f in power.get(name, ())]
+            found[name] = {"state": state, "reason": why, "days": closed, "judged": judged, "foretold": foretold}
+        return found
+
+    @property
     def baselines(self) -> Mapping[str, Baseline]:
         """The baselines that components and chillers run on."""
         return self._baselines
@@ -157,6 +178,8 @@ class Engine:
         changed = self.alarms.command(command, now)
         if command.action == "clear":
             self._reset(changed[0])
+            if judged_found(changed[0]):
+                self._trust.found(changed[0].component)
         return Outputs(alarms=changed)
 
     def _reset(self, alarm: Alarm) -> None:
@@ -200,6 +223,7 @@ class Engine:
         rebased = {name for g in self._groups for name in g.rebase(baselines)}
         self._charts.rebase(rebased)
         for name in rebased:
+            self._trust.forget(name)
             self._recent.forget(name)
         if any(e.baseline in baselines for e in self._rows):
             kept = self._rows.export_state()
@@ -263,13 +287,42 @@ class Engine:
 
     def _alarm(self, time: int, step: ChartStep, chillers: Sequence[ChillerDay]) -> list[Alarm]:
         rings = [self._ring(time, int(i), step) for i in step.rang] + [r for day in chillers for r in day.rings]
+        rings = [r for ring in rings if (r := self._believed(ring)) is not None]
         changed = self.alarms.ring(time, rings) if rings else []
+        for new in changed:
+            if (
+                new.component in self._group_of
+                and new.evidence.kind is AlarmKind.PLANT
+                and new.raised == time == new.updated
+            ):
+                self._trust.add(new.component)
         changed += [a for day in chillers if day.retold and (a := self.alarms.of(day.name))]
         if self.alarms.open:
             quiet = [subject_of(a) for a in self.alarms.open if self._is_normal(a, step)]
             changed += self.alarms.review(time, quiet)
         # An alarm that changed more than once in a frame is told as it now is.
         return [self._diagnosed(alarm) for alarm in {subject_of(a): a for a in changed}.values()]
+
+    def _believed(self, ring: Ring) -> Ring | None:
+        """A ring, or none where the component has rung too often to be believed."""
+        name = ring.component
+        if name not in self._group_of or not Trust.may_be_doubted(ring) or self.alarms.of(name):
+            return ring
+        _, judged = self._charts.days().get(name, (0, 0))
+        why = self._trust.void(name, judged, self._promised_of_plant().get(name, 0.0), more=1)
+        if not why:
+            return ring
+        self._charts.reset(name)
+        self._trust.add(name)
+        return None
+
+    def _promised_of_plant(self) -> dict[str, float]:
+        """False alarms a year that each component's charts of the plant may give."""
+        found: dict[str, float] = {}
+        for (component, kind), rate in self.promised.items():
+            if kind not in HEALTH_KINDS:
+                found[component] = found.get(component, 0.0) + rate
+        return found
 
     def _findings(self, days: Sequence[RowsDay]) -> list[Alarm]:
         """What the verdicts of closed days make of the alarms, at the time of each day's last frame."""
@@ -404,6 +457,7 @@ class Engine:
             "chillers": self._chillers.export_state(),
             "rows": self._rows.export_state(),
             "recent": self._recent.export_state(),
+            "trust": self._trust.export_state(),
             "alarms": self.alarms.export_state(),
         }
 
@@ -437,6 +491,7 @@ class Engine:
             group.restore_state(saved_group)
         self._charts.restore_state(state["charts"])
         self._recent.restore_state(state["recent"])
+        self._trust.restore_state(state["trust"])
         self._chillers.restore_state(state["chillers"])
         self._rows.restore_state(state["rows"])
         self.alarms.restore_state(state["alarms"])

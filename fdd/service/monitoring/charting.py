@@ -21,7 +21,7 @@ from fdd.service.filtering.filters import FilterGroup, GroupStep
 from fdd.service.monitoring.chart_family import BoolArray, Family, FamilyKind
 from fdd.service.monitoring.day_charts import DAYS, DayCharts
 from fdd.service.monitoring.flatline_charts import FLATLINE
-from fdd.service.monitoring.health_charts import HEALTH
+from fdd.service.monitoring.health_charts import HEALTH, HealthCharts
 from fdd.service.monitoring.innovation_charts import INNOVATIONS, InnovationCharts
 from fdd.service.monitoring.power import Foretold, foretell
 from fdd.service.monitoring.score_charts import SCORES, ScoreCharts
@@ -121,20 +121,26 @@ class Charts:
         """Days that were closed since a component's baseline came in force, and how many of them were judged."""
         return {k: v for f in self._families if isinstance(f, DayCharts) for k, v in f.watched().items()}
 
-    def foretold(self, component: str) -> list[Foretold]:
+    def standing(self) -> dict[str, tuple[bool, bool]]:
+        """Whether a component's charts of days are still calibrating, and whether its last day was in their range."""
+        return {k: v for f in self._families if isinstance(f, DayCharts) for k, v in f.standing().items()}
+
+    def foretold(self) -> dict[str, list[Foretold]]:
         """The smallest fault of each kind that a component's charts will find, as far as its days have told."""
-        baseline = next(b for g in self._groups for b in g.baselines if b.component == component)
-        found = {k: v for f in self._families if isinstance(f, DayCharts) for k, v in f.scales().items()}
-        known = found.get(component, {})
-        if not known:
-            return []
-        return foretell(baseline, {s: scale for s, (scale, _) in known.items()}, next(iter(known.values()))[1])
+        known = {k: v for f in self._families if isinstance(f, DayCharts) for k, v in f.scales().items()}
+        baselines = {b.component: b for g in self._groups for b in g.baselines}
+        return {
+            name: foretell(baselines[name], {s: scale for s, (scale, _) in of.items()}, next(iter(of.values()))[1])
+            for name, of in known.items()
+        }
 
     def taught(self, component: str) -> JsonObject:
         """What the days that were seen have taught of a healthy component, by kind of chart; see ``probation``."""
-        found = {}
+        found: JsonObject = {}
         for f in self._families:
-            if isinstance(f, DayCharts | InnovationCharts | ScoreCharts) and component in (known := f.taught()):
+            if isinstance(f, DayCharts | InnovationCharts | ScoreCharts | HealthCharts) and component in (
+                known := f.taught()
+            ):
                 found[f.kind] = known[component]
         return found
 

@@ -47,14 +47,14 @@ class DayCharts:
             probation=PROBATION,
         )
         self._held = np.zeros(len(self.streams), dtype=np.bool_)
-        self._inform(np.ones(len(group.components), dtype=np.bool_))
+        self._inform(np.ones(len(group.components), dtype=np.bool_), anew=True)
 
-    def _inform(self, rows: BoolArray) -> None:
+    def _inform(self, rows: BoolArray, *, anew: bool) -> None:
         """Take from the baselines where conditions lie, and what their probation has taught."""
         tables = [b.diagnostics.get("conditions", {}) for b in self._group.baselines]
         found = np.array([[t.get(q.symbol, (0.0, 0.0)) for q in self._group.model.inputs] for t in tables])
         found = found.reshape(len(tables), len(self._group.model.inputs), 2)[self._rows]
-        self._chart.presume(rows[self._rows], found[:, :, 0], found[:, :, 1])
+        self._chart.presume(rows[self._rows], found[:, :, 0], found[:, :, 1], anew=anew)
         for i, stream in enumerate(self.streams):
             known = self._group.baselines[self._rows[i]].diagnostics.get("probation", {}).get(KIND, {})
             if rows[self._rows[i]] and stream.symbol in known:
@@ -87,8 +87,8 @@ class DayCharts:
         self._chart.set_limit(Daily.design(wanted, block=self._chart.block).limit)
 
     def rebase(self, components: set[str]) -> BoolArray:
-        """Begin again: what was learned of the old model's errors says nothing of the new one's."""
-        self._inform(np.array([c.name in components for c in self._group.components]))
+        """Begin again: how the old model's errors moved says nothing of the new one's; how large they were does."""
+        self._inform(np.array([c.name in components for c in self._group.components]), anew=False)
         which = np.array([s.component in components for s in self.streams], dtype=np.bool_)
         self.reset(which)
         return which
@@ -114,6 +114,14 @@ class DayCharts:
         for i, s in enumerate(self.streams):
             now = int(self._chart.closed[i]), int(self._chart.judged[i])
             found[s.component] = min(now, found.get(s.component, now), key=lambda pair: pair[1])
+        return found
+
+    def standing(self) -> dict[str, tuple[bool, bool]]:
+        """By component: whether a stream of it does not judge yet, and whether all their last days were in range."""
+        found: dict[str, tuple[bool, bool]] = {}
+        for s, ready, inside in zip(self.streams, self._chart.ready.tolist(), self._chart.inside.tolist(), strict=True):
+            calibrating, all_inside = found.get(s.component, (False, True))
+            found[s.component] = (calibrating or not ready, all_inside and inside)
         return found
 
     def scales(self) -> dict[str, dict[str, tuple[float, float]]]:

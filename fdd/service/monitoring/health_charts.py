@@ -7,6 +7,9 @@ scale on which days are normal. Where the baseline's days are within chance of t
 are from; where they are beyond, they are Student's predictive ones from the days' own mean and spread. (From their own
 four weeks alone the chance is kept on average over very many baselines: some would ring every month.)
 
+What a model misses was there on the first days after the fit, too, and is nothing to ring for. How far those days go is
+learned, and widens limits to what a further day of them passes with that chance: by a quarter at first.
+
 A model whose parameters are still being learned is not judged: until then its innovations have its inputs' colour.
 
 Their alarms are the model's, with a share of the budget of their own: they say that the component is to be identified
@@ -28,6 +31,7 @@ from fdd.records import NANOSECONDS, Baseline, FloatArray, JsonObject
 from fdd.residual_monitors.autocorrelation import Autocorrelation
 from fdd.residual_monitors.chart import Phase, Verdicts
 from fdd.residual_monitors.dispersion import Dispersion
+from fdd.residual_monitors.extremes import Extremes
 from fdd.residual_monitors.periodogram import Periodogram
 from fdd.residual_monitors.score import CHANCE
 from fdd.residual_monitors.window import FILLING, blocks
@@ -36,7 +40,10 @@ from fdd.service.monitoring.baseline_uncertainty import shift_variance
 from fdd.service.monitoring.chart_family import BoolArray, FamilyKind, Stream
 from fdd.service.site.plan import Component, Plan
 
+KIND = "health"
 KINDS = ("autocorrelation", "periodogram", "dispersion")
+# Centre and spread of a day's statistic, in its limit, before any day after the fit was seen.
+CENTRE, SPREAD = 0.3, 0.2
 # Share of the plant's false alarms that may be the models'.
 SHARE = 0.1
 DAY = 86400 * NANOSECONDS
@@ -92,6 +99,8 @@ def window_statistics(white: FloatArray, window: int, block: int = 1) -> JsonObj
 class HealthCharts:
     """Three tests on the windows of every output; statistics count from the baseline's mean, on a normal scale."""
 
+    kind = KIND
+
     def __init__(self, plan: Plan, groups: Sequence[FilterGroup], arl: Mapping[str, float]) -> None:
         self._groups = tuple(groups)
         self._window, self._block = window_of(plan.step)
@@ -109,6 +118,19 @@ class HealthCharts:
         self._colour = Periodogram(ones, window=self._window, block=self._block)
         self._spread = Dispersion(ones, window=self._window, block=self._block)
         self._charts = (self._memory, self._colour, self._spread)
+        n = len(self.streams)
+        day = max(1, self._window * self._block)
+        self._further = Extremes(n, day, centre=CENTRE, spread=SPREAD, logarithmic=False)
+        self._held = np.zeros(n, dtype=np.bool_)
+        self._recall(np.ones(n, dtype=np.bool_))
+
+    def _recall(self, which: BoolArray) -> None:
+        """Take from the baselines how far days of their probation went."""
+        self._further.forget(which)
+        for i, (g, row, _, symbol) in enumerate(self._outputs * len(KINDS)):
+            known = g.baselines[row].diagnostics.get("probation", {}).get(KIND, {}).get(symbol, {})
+            if which[i] and (kind := KINDS[i // len(self._outputs)]) in known:
+                self._further.recall(i, known[kind])
         self._inform()
 
     def _chances(self, arl: Mapping[str, float]) -> FloatArray:
@@ -116,7 +138,8 @@ class HealthCharts:
         return np.array([min(0.5, self._window * self._block / arl[c.name]) for _, _, c, _ in self._outputs])
 
     def hold(self, components: frozenset[str]) -> None:
-        """Nothing is learned here."""
+        """Of these components nothing is learned."""
+        self._held = np.array([s.component in components for s in self.streams], dtype=np.bool_)
 
     def allot(self, arl: Mapping[str, float]) -> None:
         """New limits."""
@@ -138,6 +161,10 @@ class HealthCharts:
             )
             for kind, chance in zip(KINDS, (p, p, p / 2), strict=True)
         )
+        # By how much limits are wider than the fit's own days ask for, a row a kind.
+        self._factors = np.maximum(1.0, self._further.limit(np.tile(p, len(KINDS)))).reshape(len(KINDS), -1)
+        for reach, factor in zip((memory, colour, spread), self._factors, strict=True):
+            reach.reach = reach.reach * factor
         self._memory.set_limit(memory.limit**3)
         self._colour.set_limit(self._colour.bent(colour.limit))
         self._spread.centre = spread.centre
@@ -159,12 +186,24 @@ class HealthCharts:
         joined = {f.name: np.concatenate([getattr(v, f.name) for v in said]) for f in fields(Verdicts)}
         joined["phase"][waiting & (joined["phase"] == Phase.NO_DATA)] = Phase.LEARNING
         joined |= {"statistic": np.concatenate(away), "limit": np.concatenate([r.reach for r in self._reaches])}
+        seen = np.tile(np.isfinite(z), len(KINDS)) & (joined["phase"] != Phase.NO_DATA)
+        relative = joined["statistic"] / joined["limit"] * self._factors.ravel()
+        if self._further.update(np.where(seen, relative, np.nan), ~self._held & (joined["phase"] != Phase.ALARM)):
+            self._inform()
         return Verdicts(**joined)
+
+    def taught(self) -> dict[str, dict[str, dict[str, list[float]]]]:
+        """How far healthy days went, by component, output and test."""
+        found: dict[str, dict[str, dict[str, list[float]]]] = {}
+        for i, s in enumerate(self.streams):
+            of = found.setdefault(s.component, {}).setdefault(s.symbol, {})
+            of[KINDS[i // len(self._outputs)]] = self._further.knowledge(i)
+        return found
 
     def rebase(self, components: set[str]) -> BoolArray:
         """Begin again with the new baselines' own limits: whiteness is that of one model, not of the plant."""
         which = np.array([s.component in components for s in self.streams], dtype=np.bool_)
-        self._inform()
+        self._recall(which)
         self.reset(which)
         return which
 
@@ -180,15 +219,18 @@ class HealthCharts:
     def export_state(self) -> JsonObject:
         """The charts as plain data; the windows, which are the same for all of them, once."""
         states = [chart.export_state() for chart in self._charts]
-        return {
+        windows = {
             k: {n: v for n, v in s.items() if i == 0 or n not in FILLING}
             for i, (k, s) in enumerate(zip(KINDS, states, strict=True))
         }
+        return {**windows, "further": self._further.export_state()}
 
     def restore_state(self, state: JsonObject) -> None:
         """Continue where :meth:`export_state` stood."""
         for kind, chart in zip(KINDS, self._charts, strict=True):
             chart.restore_state({n: state[KINDS[0]][n] for n in FILLING} | state[kind])
+        self._further.restore_state(state["further"])
+        self._inform()
 
 
 class _Reach:

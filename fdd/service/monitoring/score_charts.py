@@ -31,9 +31,9 @@ VAGUE = 0.5
 WORTH = 0.01
 KIND = "score"
 # Share of the plant's false alarms that charts of parameters may give.
-SHARE = 0.25
+SHARE = 0.1
 # Weekly sums vary by so much more than their information says before any was seen, and what that is worth in weeks.
-DOUBT, WEEKS = 2.0, 2.0
+DOUBT, WEEKS = 3.0, 4.0
 # A week of a score counts as at most so many of its scales.
 OUTLIER = 3.0
 # A parameter known no better than this is charted by nobody, relative standard error.

@@ -50,6 +50,7 @@ class ReplayResult:
     hours: dict[str, set[int]] = field(default_factory=dict)
     """Hours since 1970 in which each column of the plan held a value."""
     speaker: Speaker = field(default_factory=Speaker)
+    trust: JsonObject = field(default_factory=dict)
 
     def document(self) -> JsonObject:
         """For machines."""
@@ -64,6 +65,7 @@ class ReplayResult:
             "samples_per_second": round(self.samples / self.seconds) if self.seconds else 0,
             "counts": self.counts,
             "notes": self.notes,
+            "trust": self.trust,
         }
 
     def print(self, console: Console) -> None:
@@ -84,6 +86,8 @@ class ReplayResult:
             console.print("rejected or odd: " + ", ".join(f"{k} {n}" for k, n in lost.items()), highlight=False)
         for note in self.notes[:5]:
             console.print(f"  {note}", highlight=False, markup=False)
+        for line in trust_told(self.trust):
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
         if not self.alarms:
             console.print("No alarms.")
             return
@@ -140,9 +144,25 @@ def replay_site(
         lines.close()
     result.seconds = clock.monotonic() - began
     result.counts = engine.counts | feed.counters()
+    result.trust = engine.trust
     result.notes = [*engine.notes, *feed.notes()]
     feed.close()
     return result
+
+
+def trust_told(trust: JsonObject) -> list[str]:
+    """How far each component can be believed, a line each."""
+    words = {
+        "calibrating": "calibrating, only gross faults ring",
+        "watching": "watching",
+        "outside": "yesterday was unlike all days seen: not judged",
+        "void": "its promise is void",
+    }
+    return [
+        f"{name}: {words[t['state']]}; {t['judged']} of {t['days']} days judged"
+        + (f" ({t['reason']})" if t["reason"] else "")
+        for name, t in trust.items()
+    ]
 
 
 def _where(context: SiteContext, engine: Engine) -> str:

@@ -13,7 +13,9 @@ from rich.table import Table
 from fdd.records import AlarmState, JsonObject
 from fdd.service.alarms.handles import handles
 from fdd.service.baselines.learn import Learned
+from fdd.service.monitoring.power import CHANCE, DAYS, Foretold
 from fdd.service.site.site_context import SiteContext, open_site
+from fdd.service.verbs.replay import trust_told
 from fdd.store.store import StoreError
 
 # The daemon says how it stands every ten seconds; after so long it is down, or hangs.
@@ -140,6 +142,7 @@ def print_status(status: JsonObject, console: Console) -> None:
     for name, value in rows.items():
         table.add_row(name, value)
     console.print(table, highlight=False, soft_wrap=True)
+    _print_trust(status.get("trust", {}), console)
     _print_lists(status, console)
 
 
@@ -153,3 +156,14 @@ def _print_lists(status: JsonObject, console: Console) -> None:
         console.print(told, highlight=False, markup=False, soft_wrap=True)
     if not status["alarms"]:
         console.print("No open alarms.")
+
+
+def _print_trust(trust: JsonObject, console: Console) -> None:
+    """How far each component can be believed, and what it will find."""
+    lines = trust_told(trust)
+    for name, t in trust.items():
+        if t["foretold"] and t["state"] != "calibrating":
+            lines.append(f"{name}: found within {DAYS} days in {CHANCE:.0%} of cases")
+            lines += [f"  {Foretold(**row).words()}" for row in t["foretold"]]
+    for line in lines:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
