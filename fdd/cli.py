@@ -480,6 +480,7 @@ def report(
     findings: Annotated[list[Path] | None, typer.Option(help="Findings as .json or .csv; may be repeated.")] = None,
     period: Annotated[str, typer.Option(help="weekly or monthly, where --from is not given.")] = ("weekly"),
     pages: Annotated[bool, typer.Option(help="A page KEY.html beside it for each alarm, for links.")] = True,
+    language: Annotated[str | None, typer.Option(help="Of the findings: en or da; the site file's by default.")] = None,
     since: Since = None,
     until: Until = None,
 ) -> None:
@@ -496,6 +497,7 @@ def report(
         findings=findings or (),
         period=period,
         pages=pages,
+        language=language,
         since=since,
         until=until,
     )

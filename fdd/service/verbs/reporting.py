@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from fdd.report.content import gather
+from fdd.report.language import languages
 from fdd.report.render import findings_csv, findings_json, write_gathered, write_pages
 from fdd.report.words import DAY
 from fdd.service.baselines.versions import in_force
@@ -27,6 +29,7 @@ def report_site(
     findings: Sequence[Path] = (),
     period: Period = "weekly",
     pages: bool = True,
+    language: str | None = None,
     since: str | None = None,
     until: str | None = None,
 ) -> list[Path]:
@@ -36,8 +39,10 @@ def report_site(
 
     Raises
     ------
-    UsageError : findings are asked for in a form that is not known
+    UsageError : findings are asked for in a form, or the report in a language, that is not known
     """
+    if language is not None and language not in languages():
+        raise UsageError(f"--language is {language!r}; give one of {', '.join(languages())}")
     for path in findings:
         if path.suffix not in WRITERS:
             raise UsageError(f"findings cannot be written as {path.suffix!r} ({path}); name a .json or a .csv file")
@@ -46,6 +51,7 @@ def report_site(
     try:
         baselines = in_force(store, [c.name for c in context.plan.components])
         info = site_info(context.plan.following(baselines), context.site)
+        info = replace(info, language=language or info.language)
         report = gather(store, info, context.nanoseconds(since), context.nanoseconds(until), PERIODS[period])
     finally:
         store.close()
