@@ -34,8 +34,9 @@ from fdd.service.site.site_context import SiteContext, open_site
 DAY = 86400 * NANOSECONDS
 # Between looks at what is open: an alarm is cleared at the first one at which it is a day old.
 LOOK = DAY // 4
-# Parts of a record: what the baseline was fitted to (and what is before), what its charts were calibrated on, the rest.
-FITTED, PROBATION, WATCHED = PARTS = ("fitted", "probation", "watched")
+# Parts of a record: what the baseline was fitted to (and what is before), what its charts were calibrated on, what they
+# watched, and the time since the component has declared its promise void: it accuses nobody, and is promised nothing.
+FITTED, PROBATION, WATCHED, VOID = PARTS = ("fitted", "probation", "watched", "void")
 PRIMARY = "day"
 # Fewer promised alarms than this and the interval of their number is wider than any verdict.
 FEW = 1.0
@@ -242,6 +243,7 @@ class Counter:
         self._engine = engine
         self._promised = engine.promised
         self._speaker = speaker_of(engine.plan)
+        self._void: set[str] = set()
         self._told: dict[str, JsonObject] = {}
         self._hidden: set[str] = set()
         # Components whose primary chart has once judged: their probation is over.
@@ -256,6 +258,7 @@ class Counter:
         time = self._engine.time
         if time is None:
             return
+        self._void = {name for name, told in self._engine.trust.items() if told["state"] == "void"}
         for alarm in self._engine.alarms.open:
             if time - alarm.raised >= DAY and self._engine.alarms.of(subject_of(alarm)) is alarm:
                 self._clear(alarm, time)
@@ -336,7 +339,9 @@ class Counter:
         if time <= baseline.end:
             return FITTED
         calibrated = int(baseline.diagnostics.get("probation", {}).get("end", baseline.end))
-        return WATCHED if time > calibrated and component in self._ready else PROBATION
+        if time <= calibrated or component not in self._ready:
+            return PROBATION
+        return VOID if component in self._void else WATCHED
 
     def _chart(self, alarm: Alarm) -> str:
         """The kind of the chart that rang first; charts of a day's verdicts are promised as one kind."""
