@@ -49,7 +49,7 @@ def watched(truth: Truth) -> dict[str, Baseline]:
 
 @pytest.fixture(scope="module")
 def long() -> Truth:
-    return simulate((LEARNING + 9) * DAY, seed=12)
+    return simulate((LEARNING + 14) * DAY, seed=12)
 
 
 @pytest.fixture(scope="module")
