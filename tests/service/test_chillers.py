@@ -19,6 +19,7 @@ from fdd.chiller_eiv.simulate import LAB_CHILLER, operate, raw_week
 from fdd.evidence import ChartEvidence, ChartKind
 from fdd.records import Alarm, AlarmState, Baseline, Batch
 from fdd.report.render import write_report
+from fdd.report.telling import Speaker
 from fdd.service.alarms.book import Command, Ring
 from fdd.service.baselines.chiller_fit import FittedChiller, learn_chiller
 from fdd.service.baselines.fitting import fit_site, read_span
@@ -274,7 +275,7 @@ def test_absurd_readings_cost_their_own_day_only(fouled: Lab, outputs: Outputs) 
     engine = fouled.engine()
     got = engine.step(replace(stream, value=value))
     assert got.frames == outputs.frames
-    assert "condenser approach up" in last_alarm(got).summary
+    assert "condenser approach up" in Speaker().line(last_alarm(got))
 
 
 def test_a_chiller_that_fails_is_counted_and_the_others_do_not_notice(fouled: Lab, outputs: Outputs) -> None:
