@@ -13,7 +13,7 @@ import numpy as np
 
 from fdd.models.declare import ComponentModel
 from fdd.records import NANOSECONDS, Baseline, FloatArray, IntArray, JsonObject
-from fdd.residual_monitors.chart import Verdicts
+from fdd.residual_monitors.chart import Phase, Verdicts
 from fdd.residual_monitors.run_length import limit_for
 from fdd.residual_monitors.score import KNOWN, Score
 from fdd.service.filtering.filters import FilterGroup, GroupStep
@@ -34,6 +34,8 @@ KIND = "score"
 SHARE = 0.1
 # Weekly sums vary by so much more than their information says before any was seen, and what that is worth in weeks.
 DOUBT, WEEKS = 3.0, 4.0
+# Weeks that the fit has not seen, in health, before a chart may ring.
+HELD_OUT = 1.0
 # A week of a score counts as at most so many of its scales.
 OUTLIER = 3.0
 # A parameter known no better than this is charted by nobody, relative standard error.
@@ -89,6 +91,7 @@ class ScoreCharts:
             known = baselines[i].diagnostics.get("probation", {}).get(KIND)
             if known and set(known["weekly"]) == set(self._symbols):
                 self._weekly[i], self._weeks[i] = [known["weekly"][s] for s in self._symbols], known["weeks"]
+        self._limit()
         self._presume(rows)
 
     def _tells(self, component: Component, baseline: Baseline) -> list[bool]:
@@ -113,10 +116,15 @@ class ScoreCharts:
     def allot(self, arl: Mapping[str, float]) -> None:
         """New limits, and what they add to the reference values."""
         self._arl = dict(arl)
-        limit = np.full(self._chart.n, NEVER)
         wanted = np.array([arl[s.component] for s in self.streams])
-        limit[self._ringing] = limit_for("cusum", wanted / self._block, k=self._chart.k)
-        self._chart.set_limit(limit)
+        self._wanted = np.full(self._chart.n, NEVER)
+        self._wanted[self._ringing] = limit_for("cusum", wanted / self._block, k=self._chart.k)
+        self._limit()
+
+    def _limit(self) -> None:
+        """No chart rings before a week that the fit has not seen has told how far weekly sums go."""
+        untold = np.repeat(self._weeks < WEEKS + HELD_OUT, len(self._symbols))
+        self._chart.set_limit(np.where(untold, NEVER, self._wanted))
 
     def rebase(self, components: set[str]) -> BoolArray:
         """Start again: sums and history are departures from the old parameters and say nothing of the new ones."""
@@ -142,7 +150,9 @@ class ScoreCharts:
             self._learn(closed)
             self._adapt(closed)
         at = self._ringing
-        return Verdicts(v.phase[at], v.statistic[at], v.limit[at], v.direction[at], v.onset_age[at])
+        learning = (self._chart.limit[at] >= NEVER) & (v.phase[at] == Phase.QUIET)
+        phase = np.where(learning, np.uint8(Phase.LEARNING), v.phase[at])
+        return Verdicts(phase, v.statistic[at], v.limit[at], v.direction[at], v.onset_age[at])
 
     def _learn(self, rows: IntArray) -> None:
         """Add full blocks to their weeks; weeks that are over teach the scale, unless the component has an alarm."""
@@ -159,6 +169,7 @@ class ScoreCharts:
             self._weekly[over] += np.minimum(np.square(self._sums[over]) / WEEK, most)
             self._weeks[over] += 1.0
             self._sums[over], self._blocks[over] = 0.0, 0
+            self._limit()
             self._presume(over)
 
     def hold(self, components: frozenset[str]) -> None:
@@ -231,6 +242,7 @@ class ScoreCharts:
         for name in LEARNED:
             own = getattr(self, f"_{name}")
             setattr(self, f"_{name}", np.array(state[name], dtype=own.dtype).reshape(own.shape))
+        self._limit()
         self._group.error = self._chart.covariance
 
 
