@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fdd.records import Baseline, Batch, Rows
+from fdd.residual_monitors.chart import Phase
 from fdd.service.baselines.versions import accept, roll_back
 from fdd.service.daemon.checkpoint import Checkpoint, Rebase, decode, encode
 from fdd.service.daemon.daemon import Daemon
@@ -101,8 +102,11 @@ def test_state_carries_its_baselines(healthy: Truth) -> None:
 
 
 def test_limits_follow_how_far_charts_ring_together_and_are_those_of_a_fresh_engine(healthy: Truth) -> None:
-    alike = moved(diagnostics={"effective_share": 0.5})
-    e, fresh = Engine(plan(), baselines()), Engine(plan(), {**baselines(), "south": alike})
+    physical = [p.symbol for p in plan().components[0].model.parameters if p.kind == "physical"]
+    probation = {"score": {"weekly": dict.fromkeys(physical, 8.0), "weeks": 8.0}}
+    seen = {n: replace(b, diagnostics={**b.diagnostics, "probation": probation}) for n, b in baselines().items()}
+    alike = moved(diagnostics={"effective_share": 0.5, "probation": probation})
+    e, fresh = Engine(plan(), seen), Engine(plan(), {**seen, "south": alike})
     before = e.step(healthy.batch(0, DAY))
     e.rebase({"south": alike})
     after, told = e.step(healthy.batch(DAY, 2 * DAY)), fresh.step(healthy.batch(0, 2 * DAY))
@@ -112,6 +116,17 @@ def test_limits_follow_how_far_charts_ring_together_and_are_those_of_a_fresh_eng
         assert new == wanted
     north = [of(o, "charts", "north/R_ia:score").fields["limit"][-1] for o in (before, after, told)]
     assert north[0] == north[1] == north[2]
+
+
+def test_no_score_chart_rings_before_a_week_that_the_fit_has_not_seen(healthy: Truth) -> None:
+    """Scores of a baseline without probation learn for seven days, whatever they say; then they have a limit."""
+    e = Engine(plan(), baselines())
+    first, later = (
+        of(e.step(healthy.batch(a * DAY, b * DAY)), "charts", "south/R_ia:score") for a, b in ((0, 6), (6, 9))
+    )
+    assert set(first.fields["limit"]) == {500.0}
+    assert set(first.fields["phase"]) <= {Phase.LEARNING, Phase.NO_DATA}
+    assert later.fields["limit"][-1] < 50.0
 
 
 def test_a_baseline_of_something_else_is_refused() -> None:
