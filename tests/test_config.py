@@ -305,7 +305,7 @@ def test_a_chiller_takes_its_share_of_the_plants_budget() -> None:
     site = parse_site(text)
     assert [f for f in check_site(site) if f.severity == "error"] == []
     plan = plan_of(site)
-    assert plan.false_alarms_per_year == pytest.approx(0.25)
+    assert (plan.false_alarms_per_year, plan.filters_per_year) == (1.0, pytest.approx(0.25))
     (chiller,) = plan.chillers
     assert [c.name for c in plan.components] == ["hx"]
     assert chiller.config.drift.false_alarms + chiller.config.residual_false_alarms <= 0.75

@@ -6,6 +6,7 @@ import pytest
 from statsmodels.stats.proportion import proportion_confint
 
 from fdd.diagnosis.score import Label, Standing, score, standing, wilson
+from fdd.evidence import Cause, Message
 from fdd.records import NANOSECONDS, Alarm, AlarmState
 
 DAY = 86400 * NANOSECONDS
@@ -21,8 +22,8 @@ def stood(component: str, start: float, end: float, *named: tuple[float, str]) -
 
 
 def change(time: float, state: AlarmState, cause: str = "fouling", key: str = "hx@1") -> Alarm:
-    causes = ({"name": cause},) if cause else ()
-    return Alarm(key, "hx", state, at(time), at(time), at(time), (), "", causes=causes)
+    causes = (Cause(cause, Message("declared")),) if cause else ()
+    return Alarm(key, "hx", state, at(time), at(time), at(time), (), causes=causes)
 
 
 @pytest.mark.parametrize(("count", "of"), [(0, 7), (1, 7), (8, 10), (10, 10), (37, 480)])

@@ -53,7 +53,8 @@ def stored_verdicts(prepared: Prepared) -> list[str]:
     """What the store holds, one line a verdict, in the form of `fdd replay --verdicts`."""
     store = prepared.context.store(read_only=True)
     table = store.read("charts")
-    alarms = store.list("alarm")
+    # The store holds the words beside the verdict, for dashboards.
+    alarms = [{key: value for key, value in a.items() if key != "summary"} for a in store.list("alarm")]
     store.close()
     columns = (table[c] for c in ("time", "series", "phase", "statistic", "limit"))
     charts = [
