@@ -128,7 +128,10 @@ class InfluxStore:
         try:
             yield
         except ApiException as problem:
-            status, said = problem.status or 0, self._redacted(str(problem.message or problem.reason))[:300]
+            status = problem.status or 0
+            # Without an answer the client's message is a formula, and the reason says what happened.
+            cause = problem.message or problem.reason if status else problem.reason or problem.message
+            said = self._redacted(str(cause))[:300]
             if status == 0:  # no answer at all: a certificate that is not trusted, or has run out
                 raise StoreUnavailableError(f"{where} does not answer: {said}; check ca_file") from None
             if status in (408, 429) or status >= 500:
