@@ -123,10 +123,10 @@ def _left(folder: Path) -> dict[str, dict[object, object]]:
     return found
 
 
-def measure(kills: int, seed: int) -> dict[str, int]:
+def measure(kills: int, seed: int, stages: tuple[str, ...] = STAGES) -> dict[str, int]:
     """Kill so often; rows and documents that were lost, are too many, or differ, by table, and the kills that hit."""
     chance, truth = np.random.default_rng(seed), simulate(ROWS, seed=2, loss=900.0, onset=400)
-    result = {"kills": 0, **{f"kills in {stage}": 0 for stage in STAGES}}
+    result = {"kills": 0, **{f"kills in {stage}": 0 for stage in stages}}
     with tempfile.TemporaryDirectory() as place:
         whole, hurt = Path(place) / "whole", Path(place) / "hurt"
         whole.mkdir()
@@ -136,7 +136,7 @@ def measure(kills: int, seed: int) -> dict[str, int]:
         while result["kills"] < kills:
             hurt = Path(place) / f"hurt-{result['kills']}"
             hurt.mkdir()
-            for stage in chance.permutation(STAGES)[: kills - result["kills"]]:
+            for stage in chance.permutation(stages)[: kills - result["kills"]]:
                 number = int(chance.integers(1, {"stream": 60, "checkpoint": 6}.get(str(stage), 1) + 1))
                 if not _life(hurt, truth, (str(stage), number, float(chance.uniform(0.0, 0.02)))):
                     result["kills"] += 1
